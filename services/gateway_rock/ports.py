@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import logging
 import threading
+from abc import ABC, abstractmethod
 from collections import deque
 from contextlib import suppress
 from typing import Any
@@ -35,8 +36,8 @@ _MAX_WAITING = 16
 _TYPE_POLL_S = 0.2
 
 
-class _Worker:
-    """Thread that connects to a task, and again after a fault."""
+class _Worker(ABC):
+    """Thread that connects to a task, and connects again when the connection has ended."""
 
     def __init__(self, title: str) -> None:
         self.is_connected, self.last_error = False, ""
@@ -69,9 +70,9 @@ class _Worker:
             self._stop.wait(retry_s)
         self.is_connected = False
 
+    @abstractmethod
     def _work(self) -> None:
-        """Connect, and work until the gateway ends; raises CdffError if the connection ends."""
-        raise NotImplementedError
+        """Connect, and transfer samples until the gateway ends; raises CdffError if the connection ends."""
 
 
 class RockInput(_Worker):

@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 from pydantic import Field, PositiveFloat, model_validator
 
 from services.gateways.stream_settings import InputStream, OutputStream, RobotSettings
-from services.rock_types.conversions import CONVERSIONS
+from services.rock_types.conversions import CONVERSIONS, has_time
 
 TaskName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_/.:-]+$", max_length=255)]
 PortName = Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]*$", max_length=255)]
@@ -37,7 +37,7 @@ class InputPort(InputStream):
 
     @model_validator(mode="after")
     def _type_is_known(self) -> InputPort:
-        known = sorted(name for name, conversions in CONVERSIONS.items() if conversions[0].has_time)
+        known = sorted(filter(has_time, CONVERSIONS))
         if self.type not in known:
             raise ValueError(f"type {self.type!r}: expected one of {', '.join(known)}")
         return self

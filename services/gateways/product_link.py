@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import logging
+from abc import ABC, abstractmethod
 from typing import Any
 
 from cdff_common.bus import Message
@@ -18,7 +19,7 @@ from services.gateways.stream_settings import OutputStream
 logger = logging.getLogger(__name__)
 
 
-class ProductLink:
+class ProductLink(ABC):
     """A product and the messages that it becomes.
 
     Parameters
@@ -48,9 +49,9 @@ class ProductLink:
             return
         self.counters.forward(monotonic_s() - start_s)
 
+    @abstractmethod
     def send(self, value: Any, header: Header) -> None:
         """Send a value to the robot; raises CdffError if that is not possible."""
-        raise NotImplementedError
 
     def drop(self, reason: str, detail: str) -> None:
         """Count a product that is not sent, and log the first with a reason."""

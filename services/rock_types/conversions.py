@@ -200,6 +200,11 @@ NO_CONVERSION = {
 }
 
 
+def has_time(type_name: str) -> bool:
+    """Return whether values of a type contain the time of their capture, as defined by the base-types."""
+    return type_name.startswith("/base/samples/") or type_name == "/base/commands/Joints"
+
+
 def conversion_of(type_name: str, names: Collection[str]) -> Conversion:
     """Return the first conversion of a type to which values with some fields fit.
 

@@ -15,8 +15,7 @@ from cdff_common.types import LidarScan, TransformWithCovariance
 
 #: Returns the name of a frame in ROCK.
 FrameName = Callable[[str], str]
-_US_PER_NS = 1000
-_UNKNOWN = np.nan
+_NS_PER_US = 1000
 
 
 def _matrix(rows: Any) -> dict[str, Any]:
@@ -31,26 +30,26 @@ def rigid_body_state(value: TransformWithCovariance, frame: FrameName, stamp_ns:
     """
     q_xyzw, cov = value.data.orientation, np.asarray(value.data.cov, np.float64)
     R = se3.matrix_from_quaternion_xyzw(q_xyzw / np.linalg.norm(q_xyzw))
-    unknown, zero = _matrix(np.full((3, 3), _UNKNOWN)), {"data": np.full(3, _UNKNOWN)}
+    unknown_matrix, unknown_vector = _matrix(np.full((3, 3), np.nan)), {"data": np.full(3, np.nan)}
     return {
-        "time": {"microseconds": stamp_ns // _US_PER_NS},
+        "time": {"microseconds": stamp_ns // _NS_PER_US},
         "sourceFrame": frame(value.child_frame),
         "targetFrame": frame(value.parent_frame),
         "position": {"data": np.asarray(value.data.translation, np.float64)},
         "cov_position": _matrix(cov[:3, :3]),
         "orientation": {"im": np.asarray(q_xyzw[:3], np.float64), "re": float(q_xyzw[3])},
         "cov_orientation": _matrix(R.T @ cov[3:, 3:] @ R),
-        "velocity": zero,
-        "cov_velocity": unknown,
-        "angular_velocity": zero,
-        "cov_angular_velocity": unknown,
+        "velocity": unknown_vector,
+        "cov_velocity": unknown_matrix,
+        "angular_velocity": unknown_vector,
+        "cov_angular_velocity": unknown_matrix,
     }
 
 
 def point_cloud(value: LidarScan, _: FrameName, stamp_ns: int) -> dict[str, Any]:
     """Return ``/base/samples/Pointcloud`` of a sweep, which has no frame and no times of points."""
     points = [{"data": row} for row in np.asarray(value.points_m, np.float64)]
-    return {"time": {"microseconds": stamp_ns // _US_PER_NS}, "points": points, "colors": []}
+    return {"time": {"microseconds": stamp_ns // _NS_PER_US}, "points": points, "colors": []}
 
 
 _ENCODERS: dict[str, tuple[str, Callable[[Any, FrameName, int], dict[str, Any]]]] = {

@@ -40,18 +40,18 @@ from services.rock_types.values import (
 
 #: Field of the orientation of a transform, which old versions of base-types call a rotation.
 _ORIENTATIONS = ("orientation", "rotation")
-_STATE_FIELDS = (
-    "sourceFrame",
-    "targetFrame",
-    "position",
-    "cov_position",
-    "orientation",
-    "cov_orientation",
-    "velocity",
-    "cov_velocity",
-    "angular_velocity",
-    "cov_angular_velocity",
+#: Numbers of ``/base/samples/RigidBodyState``: field in CDFF, field in ROCK, and its conversion.
+_STATE_NUMBERS = (
+    ("pos", "position", vector),
+    ("cov_position", "cov_position", matrix),
+    ("orient", "orientation", quaternion_xyzw),
+    ("cov_orientation", "cov_orientation", matrix),
+    ("velocity", "velocity", vector),
+    ("cov_velocity", "cov_velocity", matrix),
+    ("angular_velocity", "angular_velocity", vector),
+    ("cov_angular_velocity", "cov_angular_velocity", matrix),
 )
+_STATE_FIELDS = ("sourceFrame", "targetFrame", *(name for _, name, _ in _STATE_NUMBERS))
 
 
 def _transform(
@@ -104,19 +104,8 @@ def _body_transform(value: Any, source: Source) -> Converted:
 def _body_state(value: Any, source: Source) -> Converted:
     """Return a ``RigidBodyState`` with all fields of the value, without a change of frame or unit."""
     parent, child = source.frame(value["targetFrame"]), source.frame(value["sourceFrame"])
-    message = RigidBodyState(
-        timestamp=source.time,
-        source_frame=child,
-        target_frame=parent,
-        pos=vector(value["position"]),
-        cov_position=matrix(value["cov_position"]),
-        orient=quaternion_xyzw(value["orientation"]),
-        cov_orientation=matrix(value["cov_orientation"]),
-        velocity=vector(value["velocity"]),
-        cov_velocity=matrix(value["cov_velocity"]),
-        angular_velocity=vector(value["angular_velocity"]),
-        cov_angular_velocity=matrix(value["cov_angular_velocity"]),
-    )
+    numbers: dict[str, Any] = {field: convert(value[name]) for field, name, convert in _STATE_NUMBERS}
+    message = RigidBodyState(source.time, source_frame=child, target_frame=parent, **numbers)
     return message, parent, child
 
 

@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Values of ROCK in samples: times, vectors, matrices, quaternions; input and output of their conversions.
+"""Times, vectors, matrices and quaternions of ROCK, and the description of a conversion to a type of CDFF.
 
-Compounds are dictionaries or structured scalars, see ``decoding``.
+The value of a compound is a dictionary or a structured scalar of numpy, indexed by the names of its fields.
 """
 
 from __future__ import annotations
@@ -31,17 +31,17 @@ class Source:
     Attributes
     ----------
     task : str
-        Task of ROCK that wrote it, the name of the sensor.
+        Name of the ROCK task that wrote the sample.
     stamp_ns : int
         Stamp of the sample.
     order : str
-        Byte order of the computer that wrote it: ``<`` or ``>``.
+        Byte order of the computer that wrote the sample: ``<`` little-endian, ``>`` big-endian.
     robot : str
-        Robot id of the frames.
+        Robot id, the first part of frame names.
     frames : mapping
         Frames of CDFF by their names in ROCK.
     sensor : str
-        Frame of the sensor; by default the task.
+        Frame of the sensor; if empty, it is ``{robot}/{task}``.
     """
 
     task: str
@@ -58,11 +58,11 @@ class Source:
 
     @property
     def time(self) -> Time:
-        """Stamp of the sample as a message."""
+        """Stamp of the sample as a CDFF ``Time``."""
         return Time.from_ns(self.stamp_ns)
 
     def frame(self, name: str) -> str:
-        """Return the frame of CDFF, by default ``{robot}/NAME``, for a frame of ROCK."""
+        """Return the CDFF frame of a ROCK frame: its entry in ``frames``, otherwise ``{robot}/{name}``."""
         return self.frames.get(name) or frame_name(self.robot, name)
 
 
@@ -75,7 +75,7 @@ class Conversion:
     type_name : str
         ASN.1 type of the samples.
     convert : callable
-        From the value of a sample and its source.
+        Takes the value of a sample and its source; returns the CDFF value, its frame and child frame.
     fields : tuple of str
         Fields that the value must have.
     optional : tuple of str
@@ -90,11 +90,6 @@ class Conversion:
     fields: tuple[str, ...] = ()
     optional: tuple[str, ...] = ("time",)
     suffix: str = ""
-
-    @property
-    def has_time(self) -> bool:
-        """True if values can state the time of their capture."""
-        return "time" in self.optional
 
 
 def names_of(value: Any) -> tuple[str, ...]:

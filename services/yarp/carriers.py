@@ -10,7 +10,6 @@ from contextlib import suppress
 from typing import NamedTuple
 
 from cdff_common.errors import CodecError, InputError
-from services.yarp.bottle import parse_text
 
 #: First bytes of a connection by tcp with acknowledgements, and without them.
 _TCP_ACKS, _TCP = b"YA\xe4\x1e\x00\x00RP", b"YA\x64\x1e\x00\x00RP"
@@ -276,8 +275,3 @@ class TextConnection:
             self._buffer += data
         line, _, self._buffer = self._buffer.partition(b"\n")
         return line.rstrip(b"\r").decode("utf-8", "replace")
-
-
-def parse_line(data: bytes) -> list[object]:
-    """Return the list in a line of text; raises CodecError if it is malformed."""
-    return parse_text(data.decode("utf-8", "replace"))

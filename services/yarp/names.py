@@ -17,26 +17,26 @@ _MAX_LINES = 1000
 
 
 class NameServer:
-    """Name server of a network of YARP.
+    """Client of the name server of a YARP network.
 
     Parameters
     ----------
     host : str
     port : int
     caller : str
-        Name of this process in its connections.
+        Name that this process states when it connects to the name server.
     """
 
     def __init__(self, host: str, port: int, caller: str) -> None:
         self.host, self.port, self._caller = host, port, caller
 
     def query(self, name: str) -> tuple[str, int]:
-        """Return host and number of a port.
+        """Return the host and the TCP port number of a registered YARP port.
 
         Raises
         ------
         UnavailableError
-            If the server does not answer, or no port has this name.
+            If the name server does not answer, or no port with this name is registered.
         """
         for line in self._ask("query", name):
             match = _REGISTRATION.search(line)
@@ -45,7 +45,13 @@ class NameServer:
         raise UnavailableError(f"{name}: not registered at the name server {self.host}:{self.port}")
 
     def register(self, name: str, host: str, port: int) -> None:
-        """Register a port of this process; raises UnavailableError if the server does not answer."""
+        """Register a port of this process with its host and TCP port number.
+
+        Raises
+        ------
+        UnavailableError
+            If the name server does not answer, or refuses the registration.
+        """
         if not any(_REGISTRATION.search(line) for line in self._ask("register", name, "tcp", host, port)):
             raise UnavailableError(f"{name}: the name server {self.host}:{self.port} does not register it")
 

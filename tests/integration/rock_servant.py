@@ -1,12 +1,14 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""A task with the interfaces of Orocos RTT, by omniORB; it runs in the environment of the peers.
+"""Task with the interfaces of Orocos RTT, implemented with omniORB (``make peers``: build/rock-peers).
 
 python rock_servant.py IDL_FOLDER NAMES_PORT VALUES.json RECEIVED.json
 
-``VALUES.json`` has the samples of each output port: {port: {"type", "idl", "values": [...], "period_s"}};
-with "repeat" they are sent again and again, with "stamp_now" with the time at which they are read. Every
-sample that is written to the input port ``pose_samples`` is a line of ``RECEIVED.json``.
+``VALUES.json`` contains the samples of each output port:
+``{port: {"type", "idl", "values": [...], "period_s"}}``. A name ``port`` belongs to the task ``sensor_task``,
+a name ``task.port`` to another task. With "repeat" the task sends the samples repeatedly; with "stamp_now"
+their stamp is the time of the read. A task without an output port ``pose_samples`` has an input port of this
+name; each sample that is written to this port becomes a line of ``RECEIVED.json``.
 """
 
 from __future__ import annotations
@@ -41,7 +43,10 @@ import RTT__POA.corba  # noqa: E402
 from omniORB import CORBA, findType, tcInternal  # noqa: E402
 from omniORB import any as corba_any  # noqa: E402
 
-_SPEC = json.loads(pathlib.Path(values_path).read_text())
+_SPEC = {
+    port if "." in port else f"sensor_task.{port}": spec
+    for port, spec in json.loads(pathlib.Path(values_path).read_text()).items()
+}
 _INPUTS = {"pose_samples": ("/base/samples/RigidBodyState", base_types.RigidBodyState)}
 
 
@@ -72,6 +77,8 @@ def _element(descriptor, value):
 
 
 class Channel(RTT__POA.corba.CChannelElement):
+    """Connection to an input port, or to the output port ``task.port``."""
+
     def __init__(self, port):
         self._port, self._next = port, 0
         self._start = time.monotonic()
@@ -107,34 +114,38 @@ class Channel(RTT__POA.corba.CChannelElement):
 
 
 class Ports(RTT__POA.corba.CDataFlowInterface):
+    def __init__(self, task):
+        names = {key.rpartition(".")[2]: key for key in _SPEC if key.rpartition(".")[0] == task}
+        self._outputs = names
+        self._inputs = {name: name for name in _INPUTS if name not in names}
+
     def getPortDescriptions(self):
         out = [
-            RTT.corba.CPortDescription(RTT.corba.COutput, name, "", spec["type"])
-            for name, spec in _SPEC.items()
+            RTT.corba.CPortDescription(RTT.corba.COutput, name, "", _SPEC[key]["type"])
+            for name, key in self._outputs.items()
         ]
         return out + [
-            RTT.corba.CPortDescription(RTT.corba.CInput, name, "", kind)
-            for name, (kind, _) in _INPUTS.items()
+            RTT.corba.CPortDescription(RTT.corba.CInput, name, "", _INPUTS[name][0]) for name in self._inputs
         ]
 
     def _channel(self, known, port, policy):
         if port not in known:
             raise RTT.corba.CNoSuchPortException()
-        return Channel(port)._this(), policy
+        return Channel(known[port])._this(), policy
 
     def buildChannelOutput(self, port, policy):
-        return self._channel(_INPUTS, port, policy)
+        return self._channel(self._inputs, port, policy)
 
     def buildChannelInput(self, port, policy):
-        return self._channel(_SPEC, port, policy)
+        return self._channel(self._outputs, port, policy)
 
 
 class Task(RTT__POA.corba.CTaskContext):
-    def __init__(self):
-        self._ports = Ports()
+    def __init__(self, name):
+        self._name, self._ports = name, Ports(name)
 
     def getName(self):
-        return "sensor_task"
+        return self._name
 
     def ports(self):
         return self._ports._this()
@@ -157,8 +168,9 @@ def main():
     context_name = [CosNaming.NameComponent("TaskContexts", "")]
     with contextlib.suppress(CosNaming.NamingContext.AlreadyBound):
         root.bind_new_context(context_name)
-    task = Task()
-    root.rebind([*context_name, CosNaming.NameComponent("sensor_task", "")], task._this())
+    tasks = [Task(name) for name in sorted({key.rpartition(".")[0] for key in _SPEC})]
+    for task in tasks:
+        root.rebind([*context_name, CosNaming.NameComponent(task.getName(), "")], task._this())
     print("ready", flush=True)
     threading.Event().wait()
 

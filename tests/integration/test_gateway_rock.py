@@ -6,9 +6,9 @@ from __future__ import annotations
 
 import json
 import os
+import shlex
 import signal
 import subprocess
-import threading
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
@@ -17,22 +17,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cdff_common.bus import Bus, Message, keys
+from cdff_common.bus import Bus
 from cdff_common.clock import wall_ns
-from cdff_common.codecs import encode_payload
 from cdff_common.geometry import UncertainTransform, se3
-from cdff_common.interfaces.product import Header, product_id
 from cdff_common.types import TransformWithCovariance
 from cdff_dev.logs import open_log
 from cdff_dev.logs.formats.pocolog.blocks import read_blocks
 from cdff_dev.logs.formats.pocolog.decoding import decode_sample
 from cdff_dev.logs.formats.pocolog.registry import Registry
 from cdff_dev.ports import free_port
-from services.dfpc_host.inputs import decode_sample as decode_bus_sample
 from services.gateway_rock.gateway import Gateway
 from services.gateway_rock.settings import RockSettings
 from services.rock_types.values import plain
-from tests.integration.conftest import ROOT, wait_until
+from tests.integration.conftest import ROOT, Spawn, wait_until
+from tests.support.gateway_traffic import collect_samples, gateway_in_thread, publish_product
 
 PEERS = ROOT / "build" / "rock-peers" / "bin"
 IDL = Path(__file__).parent / "rock"
@@ -51,6 +49,9 @@ _POSE = {
     "frame": "mana/odom",
     "child": "mana/base",
 }
+_PAGE = (ROOT / "docs" / "how-to" / "rock.md").read_text(encoding="utf-8")
+_SETTINGS = _PAGE.partition("```yaml\n")[2].partition("```")[0]
+_COMMAND = next(line for line in _PAGE.splitlines() if line.startswith("cdff service gateway_rock"))
 _FRAMES = {"body": "mana/base", "map": "mana/odom"}
 
 
@@ -116,34 +117,17 @@ def running_task(folder: Path, names_port: int, ports: dict[str, Any]) -> Iterat
 @contextmanager
 def running_gateway(settings: dict[str, Any], endpoint: str, names_port: int) -> Iterator[Gateway]:
     """Yield a gateway that runs in a thread."""
-    stop = threading.Event()
     with Bus.open(endpoint, name="gateway", wait_s=20.0) as bus:
         model = RockSettings.model_validate({"robot": "mana", "frames": _FRAMES, **settings})
         gateway = Gateway(model, bus, "127.0.0.1", names_port)
-        thread = threading.Thread(target=gateway.run, args=(stop,))
-        thread.start()
-        try:
+        with gateway_in_thread(gateway):
             yield gateway
-            assert gateway.problem() == ""
-        finally:
-            stop.set()
-            thread.join()
 
 
 @pytest.fixture
 def bus(router: object, endpoint: str) -> Iterator[Bus]:
     with Bus.open(endpoint, name="test", wait_s=20.0) as bus:
         yield bus
-
-
-def _collect(bus: Bus, stream: str, type_name: str) -> list[Any]:
-    samples: list[Any] = []
-
-    def on_sample(message: Message) -> None:
-        samples.append(decode_bus_sample(message, stream, type_name).value)
-
-    bus.subscribe(keys.sensor("mana", *stream.split("/")), on_sample)
-    return samples
 
 
 def _recorded(name: str, stamp_us: int) -> dict[str, Any]:
@@ -157,25 +141,10 @@ def _recorded(name: str, stamp_us: int) -> dict[str, Any]:
     return {**lists, "time": {"microseconds": stamp_us}}
 
 
-def _publish(bus: Bus, pose: TransformWithCovariance, stamp_ns: int) -> None:
-    header = Header(
-        id=product_id("mana", "position_manager", "pose", stamp_ns, 1, ""),
-        seq=1,
-        t0_ns=stamp_ns,
-        t1_ns=stamp_ns,
-        frame="mana/odom",
-        child="mana/base",
-        producer="position_manager",
-    )
-    payload, encoding = encode_payload(pose)
-    key = keys.product("mana", "position_manager", "pose")
-    bus.publish(key, payload, encoding=encoding, attachment=header.to_attachment())
-
-
 def test_a_pose_and_its_covariance_arrive_in_the_frames_of_the_settings(
     bus: Bus, endpoint: str, tmp_path: Path
 ) -> None:
-    samples = _collect(bus, "wheels/pose", "TransformWithCovariance")
+    samples = collect_samples(bus, "wheels/pose", "TransformWithCovariance")
     stamp_us = wall_ns() // 1000
     ports = {"pose": {"type": _STATE, "idl": "RigidBodyState", "values": [_state(stamp_us)]}}
     with (
@@ -224,7 +193,9 @@ def test_a_product_is_written_to_a_port_with_the_type_that_the_robot_states(
         wait_until(lambda: gateway.status()["outputs"][0]["connected"], 20.0, "the connection")
 
         def is_received() -> bool:
-            _publish(bus, pose, stamp_ns)
+            publish_product(
+                bus, "position_manager/pose", pose, stamp_ns, frame="mana/odom", child="mana/base"
+            )
             return bool(received.read_text())
 
         wait_until(is_received, 10.0, "the pose at the task")
@@ -239,7 +210,7 @@ def test_a_product_is_written_to_a_port_with_the_type_that_the_robot_states(
 
 
 def test_a_restart_of_the_task_is_survived(bus: Bus, endpoint: str, tmp_path: Path) -> None:
-    samples = _collect(bus, "wheels/pose", "TransformWithCovariance")
+    samples = collect_samples(bus, "wheels/pose", "TransformWithCovariance")
     stamp_us = wall_ns() // 1000
     with (
         name_service(tmp_path / "names") as names_port,
@@ -283,7 +254,7 @@ def test_a_port_of_another_type_and_a_missing_port_are_named(bus: Bus, endpoint:
 def test_recorded_values_become_the_same_samples_as_in_their_log(
     bus: Bus, endpoint: str, tmp_path: Path
 ) -> None:
-    samples = _collect(bus, "lidar/scan", "LidarScan")
+    samples = collect_samples(bus, "lidar/scan", "LidarScan")
     with closing(open_log(RECORDED / "laser_scan.0.log")) as log:
         expected = next(log.samples()).value
     stamp_us = wall_ns() // 1000
@@ -307,3 +278,66 @@ def test_recorded_values_become_the_same_samples_as_in_their_log(
     np.testing.assert_array_equal(samples[0].points_m, expected.points_m)
     np.testing.assert_array_equal(samples[0].time_offset_us, expected.time_offset_us)
     assert samples[0].t0_ns == 1000 * stamp_us
+
+
+def test_the_settings_and_the_command_of_the_page_connect_its_ports(
+    bus: Bus, endpoint: str, spawn: Spawn, tmp_path: Path
+) -> None:
+    scans = collect_samples(bus, "lidar/scan", "LidarScan")
+    poses = collect_samples(bus, "wheels/pose", "TransformWithCovariance")
+    depth_map = {
+        "time": {"microseconds": 0},
+        "timestamps": [],
+        "vertical_projection": "POLAR",
+        "horizontal_projection": "POLAR",
+        "vertical_interval": [0.0],
+        "horizontal_interval": [0.1, -0.1],
+        "vertical_size": 1,
+        "horizontal_size": 2,
+        "distances": [2.0, 3.0],
+        "remissions": [],
+    }
+    sent = {"repeat": True, "stamp_now": True, "period_s": 0.02}
+    state = {"type": _STATE, "idl": "RigidBodyState", "values": [_state(0)]}
+    ports = {
+        "velodyne.laser_scans": {
+            "type": "/base/samples/DepthMap",
+            "idl": "DepthMap",
+            "values": [depth_map],
+            **sent,
+        },
+        "odometry.pose_samples": {**state, **sent},
+        "control.other": {**state, "values": []},
+    }
+    settings = tmp_path / "gateway.yaml"
+    settings.write_text(_SETTINGS)
+    T = se3.transform(np.eye(3), [1.0, 2.0, 3.0])
+    with (
+        name_service(tmp_path / "names") as names_port,
+        running_task(tmp_path, names_port, ports) as received,
+    ):
+        command = _COMMAND.replace("gateway.yaml", str(settings)).replace(
+            "192.168.1.20", f"127.0.0.1:{names_port}"
+        )
+        spawn("cdff_common.cli", *shlex.split(command)[1:])
+        wait_until(lambda: scans and poses, 30.0, "samples of both inputs")
+
+        def is_received() -> bool:
+            stamp_ns = wall_ns() // 1000 * 1000
+            pose = TransformWithCovariance.from_transform(
+                UncertainTransform(T), parent="mana/odom", child="mana/base", stamp_ns=stamp_ns
+            )
+            publish_product(
+                bus, "position_manager/pose", pose, stamp_ns, frame="mana/odom", child="mana/base"
+            )
+            return bool(received.read_text())
+
+        wait_until(is_received, 10.0, "the pose at the task control")
+    angles = np.array([0.1, -0.1])
+    expected = np.array([2.0, 3.0])[:, None] * np.stack(
+        [np.cos(angles), np.sin(angles), 0.0 * angles], axis=1
+    )
+    np.testing.assert_allclose(scans[0].points_m, expected, atol=1e-6)
+    assert (poses[0].parent_frame, poses[0].child_frame) == ("mana/odom", "mana/base")
+    value = json.loads(received.read_text().splitlines()[0])
+    assert (value["sourceFrame"], value["targetFrame"]) == ("body", "map")

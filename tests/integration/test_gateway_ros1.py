@@ -20,15 +20,14 @@ import pytest
 from cdff_common.bus import Bus, Message, keys
 from cdff_common.client import Client
 from cdff_common.clock import wall_ns
-from cdff_common.codecs import encode, encode_payload
+from cdff_common.codecs import encode
 from cdff_common.errors import CdffError, UnavailableError
 from cdff_common.geometry import UncertainTransform, se3
-from cdff_common.interfaces.product import Header, product_id
-from cdff_common.raster import GridGeometry
-from cdff_common.types import NavigationMap, Time, TransformWithCovariance
+from cdff_common.types import Time, TransformWithCovariance
 from cdff_dev.ports import free_port
 from services.dfpc_host.inputs import decode_sample
 from tests.integration.conftest import ROOT, process_starter, wait_until
+from tests.support.gateway_traffic import publish_navigation_map, publish_product
 from tests.support.orchestrated_products import patch, put
 
 pytestmark = [pytest.mark.integration, pytest.mark.slow]
@@ -145,32 +144,12 @@ def status(bus: Bus) -> dict[str, Any]:
     return body
 
 
-def publish(bus: Bus, dfpc: str, port: str, value: Any, stamp_ns: int, child: str | None = None) -> None:
-    frame = "mana/odom" if child else "site"
-    header = Header(
-        id=product_id("mana", dfpc, port, stamp_ns, 0, ""),
-        seq=0,
-        t0_ns=stamp_ns,
-        t1_ns=stamp_ns,
-        frame=frame,
-        child=child,
-        producer=dfpc,
-    )
-    payload, encoding = encode_payload(value)
-    bus.publish(
-        keys.product("mana", dfpc, port), payload, encoding=encoding, attachment=header.to_attachment()
-    )
-
-
 def publish_products(bus: Bus) -> None:
     stamp_ns = wall_ns() // 1000 * 1000
     T = UncertainTransform(se3.transform(np.eye(3), np.array([1.0, 2.0, 3.0])), 0.25 * np.eye(6))
     pose = TransformWithCovariance.from_transform(T, parent="mana/odom", child="mana/base", stamp_ns=stamp_ns)
-    publish(bus, "position_manager", "pose", pose, stamp_ns, "mana/base")
-    classes = np.array([[0, 1, 2], [3, 1, 1]], np.uint8)
-    grid = GridGeometry("site", 0.5, 1.0, 2.0, 2, 3)
-    value = NavigationMap.from_layers(grid, {"class": classes}, t0_ns=stamp_ns, t1_ns=stamp_ns)
-    publish(bus, "navigation_mapping", "navigation_map", value, stamp_ns)
+    publish_product(bus, "position_manager/pose", pose, stamp_ns, frame="mana/odom", child="mana/base")
+    publish_navigation_map(bus)
 
 
 def exchange(bus: Bus, robot: Robot) -> dict[str, Any]:

@@ -18,9 +18,7 @@ import pytest
 
 from cdff_common.bus import Bus, Message, keys
 from cdff_common.clock import wall_ns
-from cdff_common.codecs import encode_payload
 from cdff_common.geometry import UncertainTransform, se3
-from cdff_common.interfaces.product import Header, product_id
 from cdff_common.types import TransformWithCovariance
 from cdff_dev.ports import free_port
 from services.dfpc_host.inputs import decode_sample
@@ -28,6 +26,7 @@ from services.gateway_ros2 import rmw_zenoh
 from services.ros_messages.message_types import RosTypes
 from services.ros_messages.type_hashes import message_hash
 from tests.integration.conftest import Spawn, wait_until
+from tests.support.gateway_traffic import publish_product
 
 pytestmark = [pytest.mark.integration, pytest.mark.slow]
 
@@ -187,18 +186,9 @@ def publish_pose(bus: Bus, seq: int) -> None:
     value = TransformWithCovariance.from_transform(
         transform, parent="mana/odom", child="mana/base", stamp_ns=stamp_ns, producer="position_manager"
     )
-    header = Header(
-        id=product_id("mana", "position_manager", "pose", stamp_ns, seq, ""),
-        seq=seq,
-        t0_ns=stamp_ns,
-        t1_ns=stamp_ns,
-        frame="mana/odom",
-        child="mana/base",
-        producer="position_manager",
+    publish_product(
+        bus, "position_manager/pose", value, stamp_ns, frame="mana/odom", child="mana/base", seq=seq
     )
-    payload, encoding = encode_payload(value)
-    key = keys.product("mana", "position_manager", "pose")
-    bus.publish(key, payload, encoding=encoding, attachment=header.to_attachment())
 
 
 @pytest.mark.usefixtures("gateway")

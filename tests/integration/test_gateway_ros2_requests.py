@@ -18,11 +18,8 @@ from rosbags.typesys import Stores, get_typestore
 from cdff_common.bus import Bus, keys
 from cdff_common.client import Client
 from cdff_common.clock import wall_ns
-from cdff_common.codecs import decode, encode_payload
+from cdff_common.codecs import decode
 from cdff_common.errors import UnavailableError
-from cdff_common.interfaces.product import Header, product_id
-from cdff_common.raster import GridGeometry
-from cdff_common.types import NavigationMap
 from cdff_dev.ports import free_port
 from services.gateway_ros2 import rmw_zenoh
 from services.gateways.request_types import ACTIONS, REQUEST_ACTION, REQUEST_SERVICE, SERVICES
@@ -30,6 +27,7 @@ from services.ros_messages.message_types import RosTypes
 from services.ros_messages.service_types import ActionType, ServiceType
 from services.ros_messages.type_hashes import message_hash
 from tests.integration.conftest import ROOT, process_starter, wait_until
+from tests.support.gateway_traffic import publish_navigation_map
 from tests.support.orchestrated_products import patch, put
 
 pytestmark = [pytest.mark.integration, pytest.mark.slow]
@@ -115,24 +113,6 @@ def _has_dem(client: Client) -> bool:
 def bus(stack: str) -> Iterator[Bus]:
     with Bus.open(stack, name="test") as bus:
         yield bus
-
-
-def publish_navigation_map(bus: Bus) -> None:
-    stamp_ns = wall_ns() // 1000 * 1000
-    classes = np.array([[0, 1, 2], [3, 1, 1]], np.uint8)
-    grid = GridGeometry("site", 0.5, 1.0, 2.0, 2, 3)
-    value = NavigationMap.from_layers(grid, {"class": classes}, t0_ns=stamp_ns, t1_ns=stamp_ns)
-    header = Header(
-        id=product_id("mana", "navigation_mapping", "navigation_map", stamp_ns, 0, ""),
-        seq=0,
-        t0_ns=stamp_ns,
-        t1_ns=stamp_ns,
-        frame="site",
-        producer="navigation_mapping",
-    )
-    payload, encoding = encode_payload(value)
-    key = keys.product("mana", "navigation_mapping", "navigation_map")
-    bus.publish(key, payload, encoding=encoding, attachment=header.to_attachment())
 
 
 def peer(*arguments: str) -> Any:

@@ -4,9 +4,9 @@
 
 from __future__ import annotations
 
-import threading
+import shlex
 from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -16,23 +16,24 @@ import pytest
 from cdff_common.bus import Bus, Message, keys
 from cdff_common.bus.message import on_map
 from cdff_common.clock import wall_ns
-from cdff_common.codecs import encode_payload
 from cdff_common.codecs.bitstream import unwrap, wrap
 from cdff_common.geometry import UncertainTransform, se3
-from cdff_common.interfaces.product import Header, product_id
 from cdff_common.types import Asn1Bitstream, TransformWithCovariance
-from services.dfpc_host.inputs import decode_sample
 from services.gateway_yarp.gateway import Gateway
 from services.gateway_yarp.settings import YarpSettings
 from services.yarp.bottle import decode_bottle, encode_bottle
 from services.yarp.images import encode_yarp_image
 from services.yarp.names import NameServer
-from tests.integration.conftest import wait_until
+from tests.integration.conftest import ROOT, Spawn, wait_until
+from tests.support.gateway_traffic import collect_samples, gateway_in_thread, publish_product
 from tests.support.secured_mission import secured_mission
 from tests.support.yarp_peer import YarpInputPort, YarpNames, YarpOutputPort
 
 pytestmark = pytest.mark.integration
 
+_PAGE = (ROOT / "docs" / "how-to" / "yarp.md").read_text(encoding="utf-8")
+_SETTINGS = _PAGE.partition("```yaml\n")[2].partition("```")[0]
+_COMMAND = next(line for line in _PAGE.splitlines() if line.startswith("cdff service gateway_yarp"))
 _IMU = {"port": "/robot/imu:o", "content": "imu", "stream": "imu/sample", "frame": "mana/imu"}
 _IMAGE = {
     "port": "/robot/cam:o",
@@ -65,10 +66,8 @@ def test_a_gateway_with_the_identity_of_its_robot_passes_the_access_control(tmp_
         )
         model = YarpSettings.model_validate({"robot": "mana", "inputs": [_IMU]})
         server = NameServer("127.0.0.1", names.port, "/cdff")
-        gateway, stop = Gateway(model, mission.bus("mana"), server, "127.0.0.1"), threading.Event()
-        thread = threading.Thread(target=gateway.run, args=(stop,))
-        with closing(YarpOutputPort(names, "/robot/imu:o")) as port:
-            thread.start()
+        gateway = Gateway(model, mission.bus("mana"), server, "127.0.0.1")
+        with closing(YarpOutputPort(names, "/robot/imu:o")) as port, gateway_in_thread(gateway):
             wait_until(lambda: port.targets, 15.0, "the port is connected")
 
             def is_received() -> bool:
@@ -78,8 +77,6 @@ def test_a_gateway_with_the_identity_of_its_robot_passes_the_access_control(tmp_
                 return bool(samples and states)
 
             wait_until(is_received, 15.0, "a sample and the status")
-        stop.set()
-        thread.join()
 
 
 @pytest.fixture
@@ -91,28 +88,11 @@ def bus(router: object, endpoint: str) -> Iterator[Bus]:
 @contextmanager
 def running(settings: dict[str, Any], endpoint: str, names: YarpNames) -> Iterator[Gateway]:
     """Yield a gateway that runs in a thread."""
-    stop = threading.Event()
     with Bus.open(endpoint, name="gateway", wait_s=20.0) as bus:
         model = YarpSettings.model_validate({"robot": "mana", **settings})
         gateway = Gateway(model, bus, NameServer("127.0.0.1", names.port, "/cdff"), "127.0.0.1")
-        thread = threading.Thread(target=gateway.run, args=(stop,))
-        thread.start()
-        try:
+        with gateway_in_thread(gateway):
             yield gateway
-            assert gateway.problem() == ""
-        finally:
-            stop.set()
-            thread.join()
-
-
-def _collect(bus: Bus, stream: str, type_name: str) -> list[Any]:
-    samples: list[Any] = []
-
-    def on_sample(message: Message) -> None:
-        samples.append(decode_sample(message, stream, type_name).value)
-
-    bus.subscribe(keys.sensor("mana", *stream.split("/")), on_sample)
-    return samples
 
 
 def _pose(stamp_ns: int) -> TransformWithCovariance:
@@ -123,10 +103,10 @@ def _pose(stamp_ns: int) -> TransformWithCovariance:
 
 
 def test_messages_of_the_robot_become_samples(bus: Bus, endpoint: str, rng: np.random.Generator) -> None:
-    imus = _collect(bus, "imu/sample", "IMUSensors")
-    frames = _collect(bus, "cam/frame", "Frame")
-    bits = _collect(bus, "bits/any", "Asn1Bitstream")
-    poses = _collect(bus, "wheels/pose", "TransformWithCovariance")
+    imus = collect_samples(bus, "imu/sample", "IMUSensors")
+    frames = collect_samples(bus, "cam/frame", "Frame")
+    bits = collect_samples(bus, "bits/any", "Asn1Bitstream")
+    poses = collect_samples(bus, "wheels/pose", "TransformWithCovariance")
     image = rng.integers(0, 255, (4, 6, 3)).astype(np.uint8)
     with closing(YarpNames()) as names:
         ports = {entry["port"]: YarpOutputPort(names, str(entry["port"])) for entry in (_IMU, _IMAGE, _BITS)}
@@ -174,20 +154,6 @@ def test_products_become_messages_and_a_port_that_comes_back_is_connected_again(
     stamp_ns = wall_ns() // 1000 * 1000
     pose = _pose(stamp_ns)
 
-    def publish() -> None:
-        header = Header(
-            id=product_id("mana", "position_manager", "pose", stamp_ns, 1, ""),
-            seq=1,
-            t0_ns=stamp_ns,
-            t1_ns=stamp_ns,
-            frame="mana/odom",
-            child="mana/base",
-            producer="position_manager",
-        )
-        payload, encoding = encode_payload(pose)
-        key = keys.product("mana", "position_manager", "pose")
-        bus.publish(key, payload, encoding=encoding, attachment=header.to_attachment())
-
     with closing(YarpNames()) as names, running({"outputs": outputs}, endpoint, names):
         for _ in range(2):
             with (
@@ -196,7 +162,9 @@ def test_products_become_messages_and_a_port_that_comes_back_is_connected_again(
             ):
 
                 def is_received(poses: Any = poses, bits: Any = bits) -> bool:
-                    publish()
+                    publish_product(
+                        bus, "position_manager/pose", pose, stamp_ns, frame="mana/odom", child="mana/base"
+                    )
                     return bool(poses.received and bits.received)
 
                 wait_until(is_received, 15.0, "both messages")
@@ -208,3 +176,61 @@ def test_products_become_messages_and_a_port_that_comes_back_is_connected_again(
             np.testing.assert_array_equal(numbers[3:], pose.data.orientation)
             name, content = decode_bottle(wrapped)
             assert unwrap(Asn1Bitstream(name, 0, np.frombuffer(content, np.uint8))) == pose
+
+
+@pytest.mark.slow
+def test_the_settings_and_the_command_of_the_page_connect_its_ports(
+    bus: Bus, endpoint: str, spawn: Spawn, tmp_path: Path
+) -> None:
+    contents = {
+        "imu/sample": ("IMUSensors", "/robot/inertial:o", encode_bottle(np.ones(12))),
+        "cam/frame": (
+            "Frame",
+            "/robot/cam/left:o",
+            encode_yarp_image(np.zeros((480, 640, 3), np.uint8), "RGB"),
+        ),
+        "wheels/odometry": (
+            "TransformWithCovariance",
+            "/robot/odometry:o",
+            encode_bottle(np.array([1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 1.0])),
+        ),
+        "lidar/scan": ("LidarScan", "/robot/lidar:o", encode_bottle(np.arange(6.0))),
+    }
+    samples = {stream: collect_samples(bus, stream, kind) for stream, (kind, _, _) in contents.items()}
+    settings = tmp_path / "gateway.yaml"
+    settings.write_text(_SETTINGS)
+    with ExitStack() as stack:
+        names = stack.enter_context(closing(YarpNames()))
+        ports = {
+            port: stack.enter_context(closing(YarpOutputPort(names, port)))
+            for _, port, _ in contents.values()
+        }
+        poses = stack.enter_context(closing(YarpInputPort(names, "/robot/pose:i")))
+        maps = stack.enter_context(closing(YarpInputPort(names, "/robot/maps:i")))
+        command = _COMMAND.replace("gateway.yaml", str(settings)).replace("192.168.1.30", "127.0.0.1")
+        command = command.replace("192.168.1.20", f"127.0.0.1:{names.port}")
+        spawn("cdff_common.cli", *shlex.split(command)[1:])
+        wait_until(lambda: all(port.targets for port in ports.values()), 30.0, "all ports are connected")
+
+        def is_exchanged() -> bool:
+            stamp_ns = wall_ns() // 1000 * 1000
+            for _, port, data in contents.values():
+                ports[port].send(data, f"{stamp_ns // 10**9}.{stamp_ns % 10**9 // 1000:06d}")
+            publish_product(
+                bus,
+                "position_manager/pose",
+                _pose(stamp_ns),
+                stamp_ns,
+                frame="mana/odom",
+                child="mana/base",
+            )
+            publish_product(
+                bus, "digital_elevation_mapping/map", _pose(stamp_ns), stamp_ns, frame="mana/odom"
+            )
+            return bool(all(samples.values()) and poses.received and maps.received)
+
+        wait_until(is_exchanged, 15.0, "a sample of each input and a message of each output")
+    frame, scan, pose = samples["cam/frame"][0], samples["lidar/scan"][0], samples["wheels/odometry"][0]
+    assert (frame.camera_matrix[0, 0], frame.camera_matrix[1, 2]) == (320.5, 239.5)
+    np.testing.assert_array_equal(scan.points_m, np.arange(6.0).reshape(2, 3))
+    assert (pose.parent_frame, pose.child_frame) == ("mana/odom", "mana/base")

@@ -8,14 +8,15 @@ import re
 import socket
 import struct
 import threading
+from abc import ABC, abstractmethod
 from contextlib import suppress
 from typing import Any
 
 TCP = bytes([0x59, 0x41, 0xE4, 0x1E, 0, 0, 0x52, 0x50])
 
 
-class _Server:
-    """A socket that gives each client to ``serve`` in a thread."""
+class _Server(ABC):
+    """A listening socket; each client is served by ``serve`` in a thread of its own."""
 
     def __init__(self) -> None:
         self._listener = socket.create_server(("127.0.0.1", 0))
@@ -45,8 +46,9 @@ class _Server:
         with suppress(OSError, EOFError), client, client.makefile("rb") as stream:
             self.serve(client, stream)
 
+    @abstractmethod
     def serve(self, client: socket.socket, stream: Any) -> None:
-        raise NotImplementedError
+        """Answer one client until the connection ends."""
 
 
 class YarpNames(_Server):

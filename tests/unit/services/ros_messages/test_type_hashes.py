@@ -86,3 +86,9 @@ def test_the_services_and_topics_of_an_action_have_the_hashes_of_ros_2() -> None
     assert action.feedback_hash == ("RIHS01_37487bae8cea358366b97003c1ef1ca7ce7c08df36f9e8cca496624226aee64e")
     get_map = ServiceType.register(types, "nav_msgs/srv/GetMap", "---\nOccupancyGrid map\n")
     assert get_map.type_hash == "RIHS01_c8ae77c9995b3554b5ba80e4d4d443f970ac65143102a1d893ec24fc07b31147"
+
+
+def test_detections_have_the_hash_of_vision_msgs_4() -> None:
+    """Value in the keys of an implementation of ROS 2 in Elixir; it covers the five nested definitions."""
+    found = message_hash(RosTypes(2).store.fielddefs, "vision_msgs/msg/Detection3DArray")
+    assert found == "RIHS01_793f5eab9595ac1c0da07873cc859db42eae51f0ee76056db8562515d830e018"
