@@ -21,9 +21,10 @@ from cdff_common.camera import CameraModel
 from cdff_common.errors import CdffError
 from cdff_common.geometry import se3
 from cdff_common.geometry.se3 import FloatArray
+from cdff_core.calibration.adjustment import View
 from cdff_core.calibration.assessment import judged
 from cdff_core.calibration.boards import Board
-from cdff_core.calibration.rig import RigCalibration, View, calibrate_rig
+from cdff_core.calibration.rig import RigCalibration, calibrate_rig
 from cdff_dev.simulate.board_images import board_image, board_poses
 
 BOARDS = {
@@ -44,7 +45,7 @@ CAMERAS = {
 DISTANCES_M = {"pinhole": 0.36, "fisheye": 0.2, "omnidirectional": 0.2, "fov": 0.24, "division": 0.28}
 RIGHT = CameraModel(480, 640, 518.0, 521.0, 322.0, 238.0, (-0.24, 0.07, -5e-4, 3e-4, 0.01))
 T_RIGHT_LEFT = se3.transform(se3.exp_so3([0.01, -0.02, 0.005]), [-0.12, 0.001, 0.002])
-SEEDS = range(100, 102)
+SEEDS = range(100, 106)
 IMAGES = 14
 _GRID = 9
 

@@ -11,7 +11,8 @@ import numpy as np
 
 from cdff_common.arrays import BoolArray, FloatArray
 from cdff_common.geometry import se3
-from cdff_core.calibration.rig import COEFFICIENT_NAMES, RigCalibration
+from cdff_core.calibration.adjustment import COEFFICIENT_NAMES
+from cdff_core.calibration.rig import RigCalibration
 
 #: Columns and rows of the coverage map.
 CELLS = (8, 6)
@@ -59,7 +60,7 @@ def judged(result: RigCalibration) -> Assessment:
             verb = "is" if len(missing) == 1 else "are"
             sentences.append(
                 f"{prefix}{', '.join(missing)} {verb} not observable: move the board into the corners of the "
-                "image, or use a model with fewer coefficients"
+                "image, or use a lens model with fewer coefficients"
             )
         coverage.append(float((coverage_map(result, number) > 0).mean()))
     if not sentences:
@@ -83,7 +84,7 @@ def coverage_map(result: RigCalibration, camera: int) -> FloatArray:
 
 def _of_camera(result: RigCalibration, number: int) -> Iterator[str]:
     """Yield a sentence for each limit that a camera exceeds."""
-    camera, sigma = result.cameras[number], result.sigma
+    sigma = result.sigma
     views = [v for v in result.views if v.camera == number]
     residuals = [r for r, v in zip(result.residuals_px, result.views, strict=True) if v.camera == number]
     rms_px = float(np.sqrt((np.concatenate(residuals) ** 2).sum(axis=1).mean()))
@@ -97,7 +98,7 @@ def _of_camera(result: RigCalibration, number: int) -> Iterator[str]:
     normals = np.array([result.T_first_board[v.board][:3, 2] for v in views])
     mean = normals.mean(axis=0)
     tilts_deg = np.rad2deg(np.arccos(np.clip(normals @ (mean / np.linalg.norm(mean)), -1.0, 1.0)))
-    focal = max(sigma[f"{number}.fx"] / camera.fx, sigma[f"{number}.fy"] / camera.fy)
+    focal = _relative_focal_sigma(result, number)
     if np.sqrt((tilts_deg**2).mean()) < _TILT_DEG or focal > _FOCAL:
         yield (
             f"the focal length has a standard deviation of {100 * focal:.2f} %, and the board was tilted by "
@@ -115,6 +116,22 @@ def _of_camera(result: RigCalibration, number: int) -> Iterator[str]:
             f"the board covers {100 * is_seen.mean():.0f} % of the image: move it into the "
             f"{_emptiest(is_seen)} part"
         )
+
+
+def _relative_focal_sigma(result: RigCalibration, number: int) -> float:
+    """Return the relative standard deviation of the focal length near the axis, the larger of both axes.
+
+    It is ``fx / (1 + xi)`` for an omnidirectional lens, and ``fx`` for the other lenses.
+    """
+    camera = result.cameras[number]
+    sigmas = []
+    for name, focal in (("fx", camera.fx), ("fy", camera.fy)):
+        gradient = np.zeros(len(result.names))
+        gradient[result.names.index(f"{number}.{name}")] = 1.0 / focal
+        if camera.lens == "omnidirectional":
+            gradient[result.names.index(f"{number}.xi")] = -1.0 / (1.0 + camera.distortion[0])
+        sigmas.append(float(np.sqrt(gradient @ result.covariance @ gradient)))
+    return max(sigmas)
 
 
 def _emptiest(is_seen: BoolArray) -> str:

@@ -30,7 +30,7 @@ BoardKind = Literal["chessboard", "charuco", "aprilgrid"]
 LEAST_CORNERS = 8
 #: Largest number of squares or tags along a side.
 _MAX_SIDE = 60
-#: Half width of the window in which a corner is refined, as a part of the shortest side of a tag.
+#: Half width of the window in which a corner is refined, as a part of the shortest side of a square or tag.
 _WINDOW_PART = 0.18
 #: Width of the black border of Kalibr's tags, bits.
 _BORDER_BITS = 2
@@ -110,6 +110,10 @@ class Board:
             flags = cv2.CALIB_CB_ACCURACY | cv2.CALIB_CB_NORMALIZE_IMAGE
             is_complete, corners = cv2.findChessboardCornersSB(image, (self.columns, self.rows), flags=flags)
             numbers = np.arange(len(self.corners_m)) if is_complete else None
+            if is_complete:
+                grid = np.asarray(corners, np.float64).reshape(self.rows, self.columns, 2)
+                sides_px = [np.linalg.norm(np.diff(grid, axis=axis), axis=2).min() for axis in (0, 1)]
+                corners = _refined(image, grid, min(sides_px))
         else:
             numbers, corners = self._detect_tags(image)
         if numbers is None or corners is None or len(numbers) < LEAST_CORNERS:
@@ -139,12 +143,8 @@ class Board:
             errors.append(float(np.median(np.abs(predicted - turned))))
         pixels = np.roll(pixels, int(np.argmin(errors)), axis=1)
         sides_px = np.linalg.norm(pixels - np.roll(pixels, 1, axis=1), axis=2)
-        window = int(np.clip(sides_px.min() * _WINDOW_PART, 3, 8))
-        criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 50, 1e-4)
-        start = pixels.reshape(-1, 1, 2).astype(np.float32)
-        refined = cv2.cornerSubPix(image, start.copy(), (window, window), (-1, -1), criteria)
         numbers = (tags[:, None] * 4 + np.arange(4)).reshape(-1)
-        return numbers, np.asarray(refined, np.float64).reshape(-1, 2)
+        return numbers, _refined(image, pixels, sides_px.min())
 
     @cached_property
     def _charuco(self) -> Any:
@@ -195,3 +195,15 @@ class Board:
     def border_m(self) -> float:
         """Width of the printed pattern beyond the outermost corners, metres; 0 for charuco, by its frame."""
         return {"charuco": 0.0, "chessboard": self.size_m, "aprilgrid": self.size_m * self.marker}[self.kind]
+
+
+def _refined(image: ByteArray, pixels: FloatArray, side_px: float) -> FloatArray:
+    """Return corners ``(k, 2)`` at which the gradients around them meet.
+
+    The window follows the shortest side of a square or tag, so that it contains one corner only.
+    """
+    window = int(np.clip(side_px * _WINDOW_PART, 3, 8))
+    criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 50, 1e-4)
+    start = pixels.reshape(-1, 1, 2).astype(np.float32)
+    refined = cv2.cornerSubPix(image, start, (window, window), (-1, -1), criteria)
+    return np.asarray(refined, np.float64).reshape(-1, 2)

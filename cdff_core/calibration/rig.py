@@ -23,19 +23,25 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from cdff_common.arrays import BoolArray, FloatArray, IntArray
+from cdff_common.arrays import BoolArray, FloatArray
 from cdff_common.camera import CameraModel, LensName
 from cdff_common.errors import DegenerateGeometryError, InputError
 from cdff_common.geometry import se3
+from cdff_core.calibration.adjustment import (
+    Rig,
+    View,
+    adjusted,
+    corner_residuals,
+    corner_sigma,
+    huber_weights,
+    jacobians,
+    moved_pose,
+    parameter_names,
+    regular_inverse,
+    robust_cost,
+)
+from cdff_core.calibration.covariance import rig_covariance
 
-#: Names of the intrinsic parameters of each lens.
-COEFFICIENT_NAMES: dict[LensName, tuple[str, ...]] = {
-    "pinhole": ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4"),
-    "fisheye": ("k1", "k2", "k3", "k4"),
-    "omnidirectional": ("xi", "k1", "k2", "p1", "p2"),
-    "fov": ("omega",),
-    "division": ("lambda",),
-}
 #: Coefficients with which the search of the focal length starts.
 _STARTS: dict[LensName, tuple[float, ...]] = {
     "pinhole": (),
@@ -48,40 +54,12 @@ _STARTS: dict[LensName, tuple[float, ...]] = {
 _FOCAL_WIDTHS = np.geomspace(0.2, 5.0, 24)
 #: Number of views with which focal lengths are tried.
 _TRIED_VIEWS = 12
-_HUBER = 1.5
-#: Smallest assumed standard deviation of a corner, pixels, so that exact corners stay regular.
-_FLOOR_PX = 1e-3
 #: Corners above this number of standard deviations are dropped once.
 _GATE = 6.0
-_ITERATIONS = 60
 #: Steps that refine one pose of a board, and smallest z of a ray whose corner is used for it.
 _BOARD_STEPS, _LEAST_Z = 8, 0.15
-#: Smallest eigenvalue of normal equations with unit diagonal, relative to the largest.
-_LEAST_EIGENVALUE = 1e-13
 #: Least number of views.
 LEAST_VIEWS = 3
-Pair = tuple[int, int]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class View:
-    """Corners of one board in one image.
-
-    Attributes
-    ----------
-    camera, board : int
-        Number of the camera, and of the pose of the board (equal for images of the same time).
-    corners_m : ndarray, shape (k, 3)
-        Corners in the frame of the board.
-    pixels : ndarray, shape (k, 2)
-    numbers : ndarray, shape (k,)
-    """
-
-    camera: int
-    board: int
-    corners_m: FloatArray
-    pixels: FloatArray
-    numbers: IntArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -154,50 +132,38 @@ def calibrate_rig(
     """
     rig = _initial(views, sizes, lens, coefficients)
     views = [view for view in views if view.board in rig.boards]
-    rig = _adjust(rig, views, is_free=_free(rig, with_distortion=False))
-    rig = _adjust(rig, views, is_free=_free(rig, with_distortion=True))
-    rig = _adjust(_with_best_boards(rig, views), views, is_free=_free(rig, with_distortion=True))
-    sigma_px = _scale(_residuals(rig, views))
+    rig = adjusted(rig, views, is_free=_free(rig, with_distortion=False))
+    rig = adjusted(rig, views, is_free=_free(rig, with_distortion=True))
+    rig = adjusted(_with_best_boards(rig, views), views, is_free=_free(rig, with_distortion=True))
+    sigma_px = corner_sigma(corner_residuals(rig, views))
     used, dropped = [], 0
-    for view, r in zip(views, _residuals(rig, views), strict=True):
+    for view, r in zip(views, corner_residuals(rig, views), strict=True):
         is_kept = np.linalg.norm(r, axis=1) < _GATE * sigma_px
         dropped += int((~is_kept).sum())
         if is_kept.sum() >= 4:
             used.append(_selected(view, is_kept))
     seen = {view.board for view in used}
     rig = replace(rig, boards={k: T for k, T in rig.boards.items() if k in seen})
-    rig = _adjust(rig, used, is_free=_free(rig, with_distortion=True))
-    residuals = _residuals(rig, used)
-    weights_px = _scale(residuals)
-    normal, _, _, _, _ = _normal_equations(rig, used, weights_px)
-    parameters = len(_names(rig)) + 6 * len(rig.boards)
-    count = sum(2 * len(r) for r in residuals)
+    rig = adjusted(rig, used, is_free=_free(rig, with_distortion=True))
+    residuals = corner_residuals(rig, used)
+    count, parameters = sum(2 * len(r) for r in residuals), len(parameter_names(rig)) + 6 * len(rig.boards)
     if count <= parameters:
         raise InputError(f"{count // 2} corners for {parameters} unknowns: expected more views of the board")
-    weighted = sum(float((_weights(r, weights_px) * r**2).sum()) for r in residuals)
-    sigma_px = float(np.sqrt(weighted * weights_px**2 / (count - parameters)))
-    independent = _inverse(normal) * (sigma_px / weights_px) ** 2
-    covariance = _enlarged(independent, _board_scores(rig, used, sigma_px))
+    assumed_px = corner_sigma(residuals)
+    weighted = sum(float((huber_weights(r, assumed_px) * r**2).sum()) for r in residuals)
+    sigma_px = float(np.sqrt(weighted * assumed_px**2 / (count - parameters)))
+    covariance = rig_covariance(rig, used, sigma_px)
     return RigCalibration(
         rig.cameras,
         rig.poses,
         rig.boards,
-        _names(rig),
+        parameter_names(rig),
         covariance,
         tuple(residuals),
         tuple(used),
         sigma_px,
         dropped,
     )
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Rig:
-    """Estimate: cameras, their poses T_camera_first, and the poses T_first_board by board."""
-
-    cameras: tuple[CameraModel, ...]
-    poses: tuple[FloatArray, ...]
-    boards: dict[int, FloatArray]
 
 
 def _selected(view: View, is_kept: BoolArray) -> View:
@@ -209,17 +175,7 @@ def _selected(view: View, is_kept: BoolArray) -> View:
     )
 
 
-def _names(rig: _Rig) -> tuple[str, ...]:
-    names = []
-    for number, camera in enumerate(rig.cameras):
-        coefficients = COEFFICIENT_NAMES[camera.lens][: len(camera.distortion)]
-        names += [f"{number}.{name}" for name in ("fx", "fy", "cx", "cy", *coefficients)]
-        if number:
-            names += [f"{number}.{name}" for name in ("x", "y", "z", "rx", "ry", "rz")]
-    return tuple(names)
-
-
-def _free(rig: _Rig, with_distortion: bool) -> BoolArray:
+def _free(rig: Rig, with_distortion: bool) -> BoolArray:
     """Return which of the shared parameters are adjusted."""
     fixed: tuple[str, ...] = (
         "cx",
@@ -238,29 +194,7 @@ def _free(rig: _Rig, with_distortion: bool) -> BoolArray:
         "s4",
     )
     fixed += ("xi", "omega", "lambda")
-    return np.array([with_distortion or name.partition(".")[2] not in fixed for name in _names(rig)])
-
-
-def _board_scores(rig: _Rig, views: Sequence[View], sigma_px: float) -> FloatArray:
-    """Return the gradient of the shared parameters for each pose of the board, ``(boards, shared)``."""
-    scores = []
-    for board in rig.boards:
-        own_views = [view for view in views if view.board == board]
-        single = replace(rig, boards={board: rig.boards[board]})
-        scores.append(_normal_equations(single, own_views, sigma_px)[1])
-    return np.array(scores)
-
-
-def _enlarged(independent: FloatArray, scores: FloatArray) -> FloatArray:
-    """Return the covariance of independent corners, enlarged where errors are correlated within a view.
-
-    The enlarged covariance is the sandwich estimate with a cluster for each pose of the board.
-    """
-    count = len(scores)
-    clustered = independent @ (scores.T @ scores) @ independent * (count / max(count - 1, 1))
-    ratios = np.diag(clustered) / np.maximum(np.diag(independent), 1e-300)
-    factors = np.sqrt(np.maximum(ratios, 1.0))
-    return np.asarray(independent * np.outer(factors, factors))
+    return np.array([with_distortion or name.partition(".")[2] not in fixed for name in parameter_names(rig)])
 
 
 # -- start
@@ -269,7 +203,7 @@ def _enlarged(independent: FloatArray, scores: FloatArray) -> FloatArray:
 
 def _initial(
     views: Sequence[View], sizes: Sequence[tuple[int, int]], lens: LensName, coefficients: int
-) -> _Rig:
+) -> Rig:
     """Return cameras without distortion, and the poses that fit them."""
     cameras, poses = [], [np.eye(4)]
     boards: dict[int, FloatArray] = {}
@@ -307,7 +241,7 @@ def _initial(
             )
         poses.append(_median_pose(common))
         boards = {k: se3.inverse(poses[-1]) @ T for k, T in own_boards.items()} | boards
-    return _Rig(tuple(cameras), tuple(poses), boards)
+    return Rig(tuple(cameras), tuple(poses), boards)
 
 
 def _median_pose(poses: Sequence[FloatArray]) -> FloatArray:
@@ -317,9 +251,9 @@ def _median_pose(poses: Sequence[FloatArray]) -> FloatArray:
     return poses[int(angles.sum(axis=1).argmin())]
 
 
-def _with_best_boards(rig: _Rig, views: Sequence[View]) -> _Rig:
+def _with_best_boards(rig: Rig, views: Sequence[View]) -> Rig:
     """Return the rig with the better of the two poses that a view of a plane permits [3]_, for each board."""
-    sigma_px = _scale(_residuals(rig, views))
+    sigma_px = corner_sigma(corner_residuals(rig, views))
     boards = {}
     for board, current in rig.boards.items():
         own = [view for view in views if view.board == board]
@@ -333,19 +267,19 @@ def _with_best_boards(rig: _Rig, views: Sequence[View]) -> _Rig:
 
 
 def _refined_board(
-    rig: _Rig, views: Sequence[View], board: int, T: FloatArray, sigma_px: float
+    rig: Rig, views: Sequence[View], board: int, T: FloatArray, sigma_px: float
 ) -> tuple[float, FloatArray]:
     """Return the cost and the pose of a board after Gauss-Newton steps with known cameras."""
     trial = replace(rig, boards={board: T})
     for _ in range(_BOARD_STEPS):
         H, g = np.zeros((6, 6)), np.zeros(6)
-        for view, r in zip(views, _residuals(trial, views), strict=True):
-            J = _jacobians(trial, view)[1]
-            w = _weights(r, sigma_px).repeat(2, axis=1).reshape(-1)
+        for view, r in zip(views, corner_residuals(trial, views), strict=True):
+            J = jacobians(trial, view)[1]
+            w = huber_weights(r, sigma_px).repeat(2, axis=1).reshape(-1)
             H += J.T @ (J * w[:, None])
             g += J.T @ (w * r.reshape(-1))
-        trial = replace(trial, boards={board: _turned(trial.boards[board], _inverse(H) @ g)})
-    return _cost(trial, views, sigma_px), trial.boards[board]
+        trial = replace(trial, boards={board: moved_pose(trial.boards[board], regular_inverse(H) @ g)})
+    return robust_cost(trial, views, sigma_px), trial.boards[board]
 
 
 def _plane_poses(camera: CameraModel, view: View) -> list[FloatArray]:
@@ -381,177 +315,3 @@ def _board_pose(camera: CameraModel, view: View) -> tuple[FloatArray | None, flo
 
 # -- adjustment
 # -----------------------------------------------------------------------------------------------------------
-
-
-def _adjust(rig: _Rig, views: Sequence[View], is_free: BoolArray) -> _Rig:
-    """Return the rig with the least robust cost, by Levenberg-Marquardt."""
-    damping = 1e-3
-    sigma_px = _scale(_residuals(rig, views))
-    cost = _cost(rig, views, sigma_px)
-    for _ in range(_ITERATIONS):
-        S, g, inverses, crosses, own = _normal_equations(rig, views, sigma_px, damping)
-        improved = False
-        while damping < 1e9:
-            damped = S[np.ix_(is_free, is_free)] + damping * np.diag(np.diag(S)[is_free])
-            step = np.zeros(len(g))
-            step[is_free] = _inverse(damped) @ g[is_free]
-            boards = {k: inverses[k] @ (own[k] - crosses[k].T @ step) for k in rig.boards}
-            trial = _moved(rig, step, boards)
-            trial_cost = np.inf if trial is None else _cost(trial, views, sigma_px)
-            if trial is not None and trial_cost < cost:
-                improved = True
-                break
-            damping *= 8.0
-            S, g, inverses, crosses, own = _normal_equations(rig, views, sigma_px, damping)
-        if not improved or trial is None:
-            break
-        change = (cost - trial_cost) / max(cost, 1e-12)
-        rig, damping = trial, max(damping / 8.0, 1e-9)
-        sigma_px = _scale(_residuals(rig, views))
-        cost = _cost(rig, views, sigma_px)
-        if change < 1e-9:
-            break
-    if not np.isfinite(cost):
-        raise DegenerateGeometryError(
-            "the adjustment of the cameras does not converge; take other views of the board"
-        )
-    return rig
-
-
-def _moved(rig: _Rig, step: FloatArray, boards: dict[int, FloatArray]) -> _Rig | None:
-    """Return the rig after a step; None if a camera would be invalid."""
-    cameras, poses, at = [], [rig.poses[0]], 0
-    for number, camera in enumerate(rig.cameras):
-        count = 4 + len(camera.distortion)
-        moved = _with_parameters(camera, _parameters(camera) + step[at : at + count])
-        if moved is None:
-            return None
-        cameras.append(moved)
-        at += count
-        if number:
-            poses.append(_turned(rig.poses[number], step[at : at + 6]))
-            at += 6
-    return _Rig(tuple(cameras), tuple(poses), {k: _turned(T, boards[k]) for k, T in rig.boards.items()})
-
-
-def _turned(T: FloatArray, step: FloatArray) -> FloatArray:
-    """Return ``(t + step[:3], Exp(step[3:]) R)``."""
-    return se3.transform(se3.exp_so3(step[3:]) @ T[:3, :3], T[:3, 3] + step[:3])
-
-
-def _parameters(camera: CameraModel) -> FloatArray:
-    return np.array([camera.fx, camera.fy, camera.cx, camera.cy, *camera.distortion])
-
-
-def _with_parameters(camera: CameraModel, values: FloatArray) -> CameraModel | None:
-    fx, fy, cx, cy, *distortion = (float(v) for v in values)
-    try:
-        return replace(camera, fx=fx, fy=fy, cx=cx, cy=cy, distortion=tuple(distortion))
-    except InputError:
-        return None
-
-
-def _in_camera(rig: _Rig, view: View) -> tuple[FloatArray, FloatArray]:
-    """Return the corners in the first camera and in the camera of the view."""
-    T, P = rig.boards[view.board], rig.poses[view.camera]
-    first = view.corners_m @ T[:3, :3].T + T[:3, 3]
-    return first, first @ P[:3, :3].T + P[:3, 3]
-
-
-def _residuals(rig: _Rig, views: Sequence[View]) -> list[FloatArray]:
-    """Return measured minus computed pixels of each view; 1000 px where the corner is invisible."""
-    return [
-        np.nan_to_num(view.pixels - rig.cameras[view.camera].project(_in_camera(rig, view)[1]), nan=1e3)
-        for view in views
-    ]
-
-
-def _scale(residuals: Sequence[FloatArray]) -> float:
-    return max(1.4826 * float(np.median(np.abs(np.concatenate(residuals)))), _FLOOR_PX)
-
-
-def _weights(r: FloatArray, sigma_px: float) -> FloatArray:
-    """Return Huber's weights ``(k, 1)`` divided by the variance."""
-    norm = np.linalg.norm(r, axis=1, keepdims=True) / sigma_px
-    return np.asarray(np.minimum(1.0, 2.0 * _HUBER / np.maximum(norm, 1e-12)) / sigma_px**2)
-
-
-def _cost(rig: _Rig, views: Sequence[View], sigma_px: float) -> float:
-    norm = np.linalg.norm(np.concatenate(_residuals(rig, views)), axis=1) / sigma_px
-    limit = 2.0 * _HUBER
-    return float(np.where(norm < limit, 0.5 * norm**2, limit * (norm - 0.5 * limit)).sum())
-
-
-def _normal_equations(
-    rig: _Rig, views: Sequence[View], sigma_px: float, damping: float = 0.0
-) -> tuple[FloatArray, FloatArray, dict[int, FloatArray], dict[int, FloatArray], dict[int, FloatArray]]:
-    """Return the reduced normal equations of the shared parameters, and the blocks of each board.
-
-    The blocks are the inverse of its own block, the cross block and the right side.
-    """
-    counts = [4 + len(c.distortion) + (6 if n else 0) for n, c in enumerate(rig.cameras)]
-    offsets = np.concatenate([[0], np.cumsum(counts)])
-    size = int(offsets[-1])
-    A, g = np.zeros((size, size)), np.zeros(size)
-    blocks = {k: np.zeros((6, 6)) for k in rig.boards}
-    crosses = {k: np.zeros((size, 6)) for k in rig.boards}
-    own = {k: np.zeros(6) for k in rig.boards}
-    for view, r in zip(views, _residuals(rig, views), strict=True):
-        J, Jb = _jacobians(rig, view)
-        w = _weights(r, sigma_px).repeat(2, axis=1).reshape(-1)
-        rows = slice(int(offsets[view.camera]), int(offsets[view.camera + 1]))
-        A[rows, rows] += J.T @ (J * w[:, None])
-        g[rows] += J.T @ (w * r.reshape(-1))
-        blocks[view.board] += Jb.T @ (Jb * w[:, None])
-        crosses[view.board][rows] += J.T @ (Jb * w[:, None])
-        own[view.board] += Jb.T @ (w * r.reshape(-1))
-    inverses = {k: _inverse(B + damping * np.diag(np.diag(B))) for k, B in blocks.items()}
-    for k, inverse in inverses.items():
-        A -= crosses[k] @ inverse @ crosses[k].T
-        g -= crosses[k] @ inverse @ own[k]
-    return A, g, inverses, crosses, own
-
-
-def _inverse(matrix: FloatArray) -> FloatArray:
-    """Return the inverse of a symmetric matrix; directions without information get a large variance."""
-    scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-    values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
-    values = np.maximum(values, _LEAST_EIGENVALUE * max(float(values.max()), 1e-300))
-    return np.asarray((vectors / values) @ vectors.T / np.outer(scale, scale), np.float64)
-
-
-def _jacobians(rig: _Rig, view: View) -> tuple[FloatArray, FloatArray]:
-    """Return the derivatives of the pixels ``(2 k, shared)`` and ``(2 k, 6)``.
-
-    The first are those with respect to the camera (after the first also its pose), the second those with
-    respect to the pose of the board.
-    """
-    camera, P = rig.cameras[view.camera], rig.poses[view.camera]
-    T = rig.boards[view.board]
-    first, points = _in_camera(rig, view)
-    values = _parameters(camera)
-    steps = np.maximum(np.abs(values), 1.0) * 1e-6
-    intrinsic = np.empty((len(points), 2, len(values)))
-    for k, step in enumerate(steps):
-        delta = np.zeros(len(values))
-        delta[k] = step
-        up, down = _with_parameters(camera, values + delta), _with_parameters(camera, values - delta)
-        if up is None or down is None:
-            intrinsic[:, :, k] = 0.0
-            continue
-        intrinsic[:, :, k] = (up.project(points) - down.project(points)) / (2.0 * step)
-    h = 1e-6 * max(float(np.abs(points).max()), 1e-3)
-    by_point = np.stack(
-        [(camera.project(points + h * e) - camera.project(points - h * e)) / (2.0 * h) for e in np.eye(3)],
-        axis=2,
-    )
-    intrinsic, by_point = np.nan_to_num(intrinsic), np.nan_to_num(by_point)
-    shared = intrinsic.reshape(-1, len(values))
-    if view.camera:
-        turned = first @ P[:3, :3].T
-        pose = np.concatenate([by_point, -by_point @ se3.skew(turned)], axis=2)
-        shared = np.hstack([shared, pose.reshape(-1, 6)])
-    by_first = by_point @ P[:3, :3]
-    rotated = view.corners_m @ T[:3, :3].T
-    board = np.concatenate([by_first, -by_first @ se3.skew(rotated)], axis=2)
-    return shared, board.reshape(-1, 6)

@@ -15,8 +15,9 @@ import yaml
 
 from cdff_common.arrays import ByteArray
 from cdff_common.output import write_file
+from cdff_core.calibration.adjustment import COEFFICIENT_NAMES
 from cdff_core.calibration.assessment import Assessment, coverage_map, stereo_words
-from cdff_core.calibration.rig import COEFFICIENT_NAMES, RigCalibration
+from cdff_core.calibration.rig import RigCalibration
 
 #: Length of a drawn residual per pixel.
 _ARROW = 100.0

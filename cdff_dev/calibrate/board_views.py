@@ -13,8 +13,8 @@ from cdff_common.arrays import ByteArray
 from cdff_common.errors import InputError
 from cdff_common.progress import Progress
 from cdff_common.types import Frame
+from cdff_core.calibration.adjustment import View
 from cdff_core.calibration.boards import Board
-from cdff_core.calibration.rig import View
 from cdff_core.imaging.grey import grey_image
 from cdff_dev.logs.source import LogSource
 
