@@ -99,11 +99,16 @@ class Request:
         """Return the payload decoded as MessagePack; raises CodecError."""
         return unpack(self.payload)
 
+    def check_parameters(self, *known: str) -> None:
+        """Refuse parameters other than ``known`` and ``request``; raises InputError naming the first."""
+        unknown = sorted(set(self.parameters) - {"request", *known})
+        if unknown:
+            expected = " or ".join(known) or "none"
+            raise InputError(f"{self.key}: unknown parameter {unknown[0]!r}; expected {expected}")
+
     def check_no_parameters(self) -> None:
         """Refuse parameters other than ``request``; raises InputError naming the first."""
-        unknown = sorted(set(self.parameters) - {"request"})
-        if unknown:
-            raise InputError(f"{self.key}: unknown parameter {unknown[0]!r}; expected none")
+        self.check_parameters()
 
 
 @dataclass(frozen=True, slots=True)

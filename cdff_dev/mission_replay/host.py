@@ -70,10 +70,10 @@ class ReplayedDfpc(DfpcLifeCycle):
             self.deactivate()
         self._count(self.runner)
 
-    def configure(self, parameters: Mapping[str, Any] | None = None) -> None:
+    def configure(self, parameters: Mapping[str, Any] | None = None, if_match: str | None = None) -> None:
         """Create the DFPC again and add the counters of the previous run."""
         previous = self.runner
-        super().configure(parameters)
+        super().configure(parameters, if_match)
         self._count(previous)
 
     def activate(self, inputs: Mapping[str, str] | None = None, adjustment: Adjustment | None = None) -> None:

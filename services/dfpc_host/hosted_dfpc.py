@@ -62,10 +62,10 @@ class HostedDfpc(DfpcLifeCycle):
 
     # -- life cycle
 
-    def configure(self, parameters: Mapping[str, Any] | None = None) -> None:
+    def configure(self, parameters: Mapping[str, Any] | None = None, if_match: str | None = None) -> None:
         """Create the DFPC with the parameters of the profile and restore its checkpoint."""
         with self._life, self._use:
-            super().configure(parameters)
+            super().configure(parameters, if_match)
             try:
                 self._state_store.restore(self.dfpc)
             except (CdffError, OSError) as error:

@@ -18,7 +18,14 @@ from typing import Any, Protocol
 
 from cdff_common.bus import Reply, Request, keys
 from cdff_common.contract.wiring import Wiring
-from cdff_common.errors import CdffError, InputError, NotActiveError, UnavailableError, public_text
+from cdff_common.errors import (
+    CdffError,
+    ConflictError,
+    InputError,
+    NotActiveError,
+    UnavailableError,
+    public_text,
+)
 from cdff_common.interfaces.dfpc import Dfpc
 from cdff_common.interfaces.product import Product
 from cdff_common.interfaces.profile import DfpcEntry, Robot
@@ -103,9 +110,32 @@ class DfpcLifeCycle(ABC):
         """Return the state after ``verb``; raises NotActiveError if the verb is not allowed."""
         return next_state(verb, self._state, self.entry.name)
 
-    def configure(self, parameters: Mapping[str, Any] | None = None) -> None:
-        """Create the DFPC with the parameters of the profile, overridden by ``parameters``."""
+    @property
+    def config_hash(self) -> str:
+        """Hash of the configuration; empty while the DFPC is unconfigured."""
+        return "" if self.runner is None else self.dfpc.config_hash
+
+    def configure(self, parameters: Mapping[str, Any] | None = None, if_match: str | None = None) -> None:
+        """Create the DFPC with the parameters of the profile, overridden by ``parameters``.
+
+        Parameters
+        ----------
+        parameters : mapping, optional
+        if_match : str, optional
+            Hash of the configuration from which the parameters were made, so that they do not overwrite those
+            of another client.
+
+        Raises
+        ------
+        ConflictError
+            If the DFPC has another configuration than ``if_match``.
+        """
         target = self.state_after("configure")
+        if if_match is not None and if_match != self.config_hash:
+            raise ConflictError(
+                f"{self.entry.name}: if_match={if_match[:40]}: the configuration is {self.config_hash!r}; "
+                "describe the DFPC again"
+            )
         self.dfpc, self.adjusted = self._configured(parameters or {}, None), {}
         self.runner = Runner(self.dfpc)
         self.state = target
@@ -281,7 +311,7 @@ class DfpcLifeCycle(ABC):
             **body,
             "state": str(self.state),
             "wired": dict(self.wired),
-            "config_hash": "" if self.runner is None else self.dfpc.config_hash,
+            "config_hash": self.config_hash,
             "parameters": {} if self.runner is None else self.dfpc.config.model_dump(mode="json"),
             "operations": [op.name for op in self.description.operations],
             "store": [] if self.runner is None else list(self.dfpc.store.items),
@@ -330,6 +360,8 @@ def serve_life_cycle(
 ) -> None:
     """Answer ``@rpc/{describe|status|configure|activate|deactivate|clean_up}`` of a DFPC.
 
+    ``configure?if_match=HASH`` is refused if ``config_hash`` of ``describe`` is not this hash.
+
     Parameters
     ----------
     bus : Bus
@@ -341,15 +373,15 @@ def serve_life_cycle(
     """
     reports = {"describe": dfpc.describe, "status": status}
     changes: dict[str, Callable[[Request], None]] = {
-        "configure": lambda request: dfpc.configure(_parameters(request)),
+        "configure": lambda request: dfpc.configure(_parameters(request), request.parameters.get("if_match")),
         "activate": lambda request: dfpc.activate(*_activation(request)),
         "deactivate": lambda _: dfpc.deactivate(),
         "clean_up": lambda _: dfpc.clean_up(),
     }
 
     def answer(request: Request) -> Reply:
-        request.check_no_parameters()
         verb = request.key.rsplit("/", 1)[1]
+        request.check_parameters(*(("if_match",) if verb == "configure" else ()))
         if verb in reports:
             return Reply.of(reports[verb]())
         changes[verb](request)

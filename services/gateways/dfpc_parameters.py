@@ -16,6 +16,8 @@ from cdff_common.bus.message import pack
 from cdff_common.errors import DeniedError, InputError, UnavailableError
 
 _CALL_S = 5.0
+#: Attempts to set parameters while other clients configure the DFPC.
+_MAX_ATTEMPTS = 4
 
 
 class DfpcParameters:
@@ -51,7 +53,7 @@ class DfpcParameters:
         """
         dfpc, inner = self._allowed[name]
         *path, last = inner.split(".")
-        return _place(self._current(dfpc), path)[last]
+        return _place(self._description(dfpc)["parameters"], path)[last]
 
     def set(self, values: Mapping[str, Any]) -> None:
         """Set parameters of one DFPC, all or none.
@@ -61,7 +63,8 @@ class DfpcParameters:
         DeniedError
             If a parameter is not listed.
         InputError
-            If they belong to several DFPCs, a value is not plain data, or the DFPC refuses it.
+            If they belong to several DFPCs, a value is not plain data, the DFPC refuses it, or other clients
+            configure the DFPC at the same time in each of the attempts.
         NotActiveError
             If the DFPC is active.
         UnavailableError
@@ -75,28 +78,43 @@ class DfpcParameters:
             raise InputError(f"parameters of {', '.join(dfpcs) or 'no DFPC'}: expected those of one")
         (dfpc,) = dfpcs
         with self._lock:
-            # All parameters are stated: ``configure`` resets those that are not to the values of the profile.
-            changed = self._current(dfpc)
-            for name, value in values.items():
-                *path, last = self._allowed[name][1].split(".")
-                place = _place(changed, path)
-                if last not in place:
-                    raise InputError(f"{name}: {dfpc} has no such parameter")
-                place[last] = value
-            try:
-                payload = pack(changed)
-            except (TypeError, ValueError, OverflowError) as error:
-                raise InputError(f"{', '.join(sorted(values))}: {error}; expected plain data") from error
-            key = keys.dfpc_rpc(self._robot, dfpc, "configure")
-            self._bus.call(key, payload=payload, timeout_s=_CALL_S)
+            current = self._description(dfpc)
+            for _ in range(_MAX_ATTEMPTS - 1):
+                try:
+                    self._configure(dfpc, values, current)
+                except InputError:
+                    previous, current = current, self._description(dfpc)
+                    if current["config_hash"] == previous["config_hash"]:
+                        raise
+                else:
+                    return
+            self._configure(dfpc, values, current)
 
-    def _current(self, dfpc: str) -> dict[str, Any]:
+    def _configure(self, dfpc: str, values: Mapping[str, Any], current: dict[str, Any]) -> None:
+        """Configure a DFPC with values in place of those of a description; see ``set``."""
+        # All parameters are stated: ``configure`` resets those that are not to the values of the profile.
+        parameters = current["parameters"]
+        for name, value in values.items():
+            *path, last = self._allowed[name][1].split(".")
+            place = _place(parameters, path)
+            if last not in place:
+                raise InputError(f"{name}: {dfpc} has no such parameter")
+            place[last] = value
+        try:
+            payload = pack(parameters)
+        except (TypeError, ValueError, OverflowError) as error:
+            raise InputError(f"{', '.join(sorted(values))}: {error}; expected plain data") from error
+        # With ``if_match`` the parameters that another client sets meanwhile are not overwritten.
+        key = keys.dfpc_rpc(self._robot, dfpc, "configure")
+        self._bus.call(key, {"if_match": current["config_hash"]}, payload=payload, timeout_s=_CALL_S)
+
+    def _description(self, dfpc: str) -> dict[str, Any]:
+        """Return the answer of ``describe``; raises UnavailableError if the DFPC is not configured."""
         key = keys.dfpc_rpc(self._robot, dfpc, "describe")
-        body = self._bus.call(key, timeout_s=_CALL_S).body()
+        body: dict[str, Any] = self._bus.call(key, timeout_s=_CALL_S).body()
         if body["state"] == "unconfigured":
             raise UnavailableError(f"{dfpc} of {self._robot} is not configured")
-        parameters: dict[str, Any] = body["parameters"]
-        return parameters
+        return body
 
 
 def _place(parameters: dict[str, Any], path: list[str]) -> dict[str, Any]:

@@ -280,6 +280,20 @@ def test_an_unknown_parameter_of_configure_is_refused_and_changes_nothing(robot:
     assert robot.rpc("activate")["state"] == "active"
 
 
+def test_configure_does_not_overwrite_a_configuration_that_the_client_has_not_read(robot: Robot) -> None:
+    from cdff_common.bus.message import pack
+
+    key = keys.dfpc_rpc("mana", NAME, "configure")
+    read = robot.rpc("describe")
+    changed = {**read["parameters"], "covariance_factor": 2.0}
+    robot.bus.call(key, {"if_match": read["config_hash"]}, payload=pack(changed))
+    with pytest.raises(InputError, match="describe the DFPC again"):
+        robot.bus.call(key, {"if_match": read["config_hash"]}, payload=pack(read["parameters"]))
+    assert robot.rpc("describe")["parameters"]["covariance_factor"] == 2.0
+    with pytest.raises(InputError, match=r"unknown parameter 'revision'; expected if_match"):
+        robot.rpc("configure", {"revision": 3})
+
+
 @pytest.mark.req("CDFF-SUP-044")
 def test_sigterm_ends_a_running_host_and_a_starting_host_at_once(
     router: subprocess.Popen[bytes], spawn: Spawn, robot: Robot, host: subprocess.Popen[bytes]

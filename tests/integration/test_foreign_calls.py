@@ -81,3 +81,59 @@ def test_refused_calls_that_wait_are_limited(
         assert reply.err is not None
         assert b"20 bytes, expected at most 10" in reply.err.payload.to_bytes()
     assert "expected at most 10" in _ask(client, b"x" * 20), "later calls are refused again"
+
+
+def test_calls_beyond_the_limit_are_refused_until_one_is_answered(
+    pair: tuple[Bus, Bus], eventually: Eventually
+) -> None:
+    server, client = pair
+    kept: list[ForeignCall] = []
+
+    def handle(call: ForeignCall) -> None:
+        if call.payload == b"probe":
+            call.reply(b"yes", encoding="e", attachment=b"")
+        else:
+            kept.append(call)
+
+    server.foreign.serve(KEY, handle, limit=2)
+    eventually(lambda: _ask(client, b"probe") == "yes")
+    session: zenoh.Session = client.foreign._session
+    open_calls = [session.get(KEY, payload=b"", timeout=15.0)]
+    eventually(lambda: len(kept) == 1)
+    open_calls.append(session.get(KEY, payload=b"", timeout=15.0))
+    eventually(lambda: len(kept) == 2)
+    assert "too many calls at once" in _ask(client)
+    assert len(kept) == 2
+    kept[0].reply(b"yes", encoding="e", attachment=b"")
+    open_calls.append(session.get(KEY, payload=b"", timeout=15.0))
+    eventually(lambda: len(kept) == 3)
+    assert "too many calls at once" in _ask(client)
+    assert len(kept) == 3
+
+
+def test_a_call_that_waits_for_a_thread_counts_as_open(
+    pair: tuple[Bus, Bus], eventually: Eventually, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    server, client = pair
+    foreign_server = server.foreign.serve(
+        KEY, lambda call: call.reply(b"yes", encoding="e", attachment=b""), limit=1
+    )
+    eventually(lambda: _ask(client) == "yes")
+    pool = foreign_server._pool
+    submit, waiting = pool.submit, []
+
+    def without_threads(*work: Any) -> None:
+        waiting.append(work)  # as the pool of the library keeps it
+        raise RuntimeError("can't start new thread")
+
+    monkeypatch.setattr(pool, "submit", without_threads)
+    session: zenoh.Session = client.foreign._session
+    first = session.get(KEY, payload=b"", timeout=15.0)
+    eventually(lambda: waiting)
+    assert "too many calls at once" in _ask(client)
+    assert len(waiting) == 1
+    monkeypatch.setattr(pool, "submit", submit)
+    submit(*waiting[0])
+    (reply,) = first
+    assert reply.ok is not None
+    assert _ask(client) == "yes"
