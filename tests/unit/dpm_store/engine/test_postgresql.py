@@ -16,7 +16,9 @@ from sqlalchemy import inspect, text
 from cdff_common.clock import ManualClock
 from cdff_common.errors import ConfigurationError, StorageError
 from dpm_store import Query, Store, open_store
+from dpm_store import engine as engines
 from dpm_store.engine import schema
+from dpm_store.engine.database import DIALECTS
 from dpm_store.engine.location import parse_url
 from dpm_store.payloads.payloads import PACKED_BYTES
 from tests.support import postgresql, seaweedfs
@@ -173,8 +175,7 @@ def test_a_url_of_another_form_is_refused_without_its_password(url: str, message
 def test_without_the_driver_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "psycopg", None)
     monkeypatch.delitem(sys.modules, "dpm_store.engine.postgresql", raising=False)
-    from dpm_store.engine.database import DIALECTS
-
+    monkeypatch.delattr(engines, "postgresql", raising=False)
     monkeypatch.delitem(DIALECTS, "postgresql", raising=False)
     with pytest.raises(ConfigurationError, match=r"cdff\[scale\]"):
         parse_url("postgresql+psycopg://x/y?directory=/d")

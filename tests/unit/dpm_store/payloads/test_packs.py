@@ -13,7 +13,7 @@ from dpm_store.payloads import packs
 from dpm_store.payloads.blobs import chunk_sums
 from dpm_store.payloads.packs import BLOCK_BYTES, PackFiles, merge_spans, pack_of
 from dpm_store.payloads.payloads import PACKED_BYTES
-from tests.support.postgresql import WITH_FILES
+from tests.support.postgresql import ONLY_EMBEDDED, WITH_FILES
 from tests.support.store_products import header, put
 
 ENGINES = WITH_FILES
@@ -140,8 +140,9 @@ def test_without_hole_punching_a_pack_is_removed_once_it_is_unreferenced(
     ]
 
 
+@ONLY_EMBEDDED  # a server has backups of its own
 def test_packs_are_not_reclaimed_while_they_are_copied(
-    store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    store: Store, engine: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for seq in range(4):
         put(store, header(seq), content(seq))
