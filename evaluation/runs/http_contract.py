@@ -12,8 +12,9 @@ from __future__ import annotations
 import warnings
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -117,8 +118,11 @@ def check_operation(document: Any, method: str, path: str, count: int) -> Counte
     return answers
 
 
-def check_sequences(document: Any, count: int, steps: int) -> Answers:
+def check_sequences(folder: Path, count: int, steps: int) -> Answers:
     """Send ``count`` sequences of at most ``steps`` requests; return the answers by operation.
+
+    Each sequence begins with a new store in ``folder``. With a common store, the next choices of the generator
+    would depend on earlier sequences, which hypothesis refuses (``FlakyStrategyDefinition``).
 
     Raises
     ------
@@ -126,20 +130,47 @@ def check_sequences(document: Any, count: int, steps: int) -> Answers:
         If an answer differs from the document or is 5xx.
     """
     answers: Answers = {}
-    machine: Any = document.exclude(path=_ENDLESS).as_state_machine()
+    with closing(_Server(folder)) as server:
+        document = document_of(server)
+        machine: Any = document.exclude(path=_ENDLESS).as_state_machine()
 
-    class Sequence(machine):  # type: ignore[misc]
-        def get_call_kwargs(self, case: Any) -> dict[str, Any]:
-            return {"headers": _HEADERS}
+        class Sequence(machine):  # type: ignore[misc]
+            def setup(self) -> None:
+                server.restart()
 
-        def validate_response(self, response: Any, case: Any, **_: Any) -> None:
-            answers.setdefault(case.operation.label, Counter())[response.status_code] += 1
-            case.validate_response(response, checks=_CHECKS)
+            def get_call_kwargs(self, case: Any) -> dict[str, Any]:
+                return {"headers": _HEADERS}
 
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)
-        Sequence.run(settings=_settings(max_examples=count, stateful_step_count=steps))
+            def validate_response(self, response: Any, case: Any, **_: Any) -> None:
+                answers.setdefault(case.operation.label, Counter())[response.status_code] += 1
+                case.validate_response(response, checks=_CHECKS)
+
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DeprecationWarning)
+            Sequence.run(settings=_settings(max_examples=count, stateful_step_count=steps))
     return answers
+
+
+class _Server:
+    """ASGI application with the products of ``application``, in a new store after each restart."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._exit_stack = ExitStack()
+        self.restart()
+
+    async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
+        await self._app(scope, receive, send)
+
+    def restart(self) -> None:
+        """Replace the store."""
+        self.close()
+        store = self._exit_stack.enter_context(TemporaryDirectory(dir=self._folder))
+        self._app = self._exit_stack.enter_context(application(Path(store)))
+
+    def close(self) -> None:
+        """Close the store and remove its files."""
+        self._exit_stack.close()
 
 
 def _settings(**options: Any) -> settings:

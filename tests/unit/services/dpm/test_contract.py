@@ -40,7 +40,6 @@ def test_generated_requests_conform_to_the_openapi_document(document: Any, metho
 
 @pytest.mark.slow
 def test_sequences_of_requests_conform_to_the_openapi_document(tmp_path: Path) -> None:
-    with http_contract.application(tmp_path) as app:
-        answers = http_contract.check_sequences(http_contract.document_of(app), count=40, steps=8)
+    answers = http_contract.check_sequences(tmp_path, count=60, steps=12)
     followed = [label for label, by_status in answers.items() if "{" in label and by_status[200]]
-    assert len(followed) >= 5, answers  # the sequences depend on the operations of the document
+    assert len(followed) >= 8, answers
