@@ -10,6 +10,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cdff_common.errors import CodecError
 from services.corba.cdr import CdrReader, CdrWriter
@@ -305,6 +306,8 @@ def write_value(writer: CdrWriter, kind: TypeCode, value: Any) -> None:
             for name, member in kind.members:
                 write_value(writer, member, value[name])
         case "string":
+            if not isinstance(value, str):
+                raise CodecError(f"a {type(value).__name__} as string: expected a text")
             writer.text(value)
         case "enum":
             if value not in kind.labels:
@@ -319,15 +322,33 @@ def write_value(writer: CdrWriter, kind: TypeCode, value: Any) -> None:
 
 
 def _write_elements(writer: CdrWriter, kind: TypeCode, values: Any) -> None:
+    """Add a list or an array; a structured array of equal fields is added as a whole."""
     assert kind.element is not None
+    if not isinstance(values, list | tuple | bytes | np.ndarray):
+        raise CodecError(f"a {type(values).__name__} as {kind.kind}: expected a list or an array")
     if kind.kind == "sequence":
         writer.number("ulong", len(values))
     elif len(values) != kind.length:
         raise CodecError(f"{len(values)} elements: expected {kind.length}")
-    if kind.element.kind in _DTYPES and len(values):
-        dtype = np.dtype("<" + _DTYPES[kind.element.kind])
-        writer.align(dtype.itemsize)
-        writer.data += np.ascontiguousarray(values, dtype).tobytes()
-        return
+    block = kind.element.block
+    if block is not None and len(values):
+        name, layout = block
+        dtype = np.dtype(layout).newbyteorder("<")
+        is_whole = isinstance(values, np.ndarray) and values.dtype.newbyteorder("<") == dtype
+        if kind.element.kind in _DTYPES or is_whole:
+            writer.align(np.dtype(_DTYPES[name]).itemsize)
+            writer.data += _elements(values, dtype).tobytes()
+            return
     for value in values:
         write_value(writer, kind.element, value)
+
+
+def _elements(values: Any, dtype: np.dtype[Any]) -> NDArray[Any]:
+    """Return numbers, or compounds of them, as an array (n,); raises CodecError if they are not."""
+    try:
+        array = np.ascontiguousarray(list(values) if isinstance(values, bytes) else values, dtype)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise CodecError(f"elements as {dtype}: {error}") from error
+    if array.ndim != 1:
+        raise CodecError(f"elements of the shape {array.shape}: expected one dimension")
+    return array

@@ -154,7 +154,7 @@ class RockOutput(_Worker, ProductLink):
         _Worker.__init__(self, f"{entry.task}.{entry.port}")
         ProductLink.__init__(self, entry)
         self.entry, self._names, self._services = entry, names, services
-        self._waiting: deque[tuple[Any, int]] = deque()
+        self._waiting: deque[dict[str, Any]] = deque()
         self._changed = threading.Condition()
 
     def send(self, value: Any, header: Header) -> None:
@@ -164,7 +164,7 @@ class RockOutput(_Worker, ProductLink):
             if len(self._waiting) >= _MAX_WAITING:
                 self._waiting.popleft()
                 self.drop("queue", f"{_MAX_WAITING} products wait for {self.entry.task}")
-            self._waiting.append((value, header.t1_ns))
+            self._waiting.append(value)
             self._changed.notify()
 
     def stop(self) -> None:
@@ -210,11 +210,14 @@ class RockOutput(_Worker, ProductLink):
                 self._changed.wait()
             if not self._waiting:
                 return
-            value, _ = self._waiting.popleft()
+            value = self._waiting.popleft()
         try:
             writer.write(kind, value)
         except (CodecError, InputError) as error:
             self.drop("content", f"{type(error).__name__}: {error}")
+        except UnavailableError as error:
+            self.drop("connection", str(error))
+            raise
 
 
 def _check_type(task: Task, port: str, type_name: str, *, is_output: bool) -> None:

@@ -114,7 +114,7 @@ class YarpInput:
         """Receive the messages of one connection until it ends."""
         try:
             connection = IncomingConnection(sock, self._port)
-        except (OSError, EOFError, CodecError) as error:
+        except (OSError, EOFError, InputError) as error:
             sock.close()
             self.link.drop("handshake", f"{type(error).__name__}: {error}")
             return
@@ -122,15 +122,17 @@ class YarpInput:
             is_admitted = len(self._open) < _MAX_CONNECTIONS and not self._stop.is_set()
             if is_admitted:
                 self._open.add(connection)
+        if not is_admitted and not self._stop.is_set():
+            self.link.drop("connections", f"more than {_MAX_CONNECTIONS} connections")
         try:
             while is_admitted:
                 received = connection.receive(self.entry.max_bytes)
                 if received is not None:
                     self.on_message(received)
-        except InputError as error:
-            self.link.drop("size", str(error))
         except CodecError as error:
             self.link.drop("decoding", str(error))
+        except InputError as error:
+            self.link.drop("size", str(error))
         except (OSError, EOFError) as error:
             logger.debug("%s: %s", self.entry.port, error)
         finally:
@@ -220,5 +222,9 @@ class YarpOutput(ProductLink):
                 if self._is_closed:
                     return
                 data, stamp_ns = self._waiting.popleft()
-            connection.send(data, stamp_ns, number)
+            try:
+                connection.send(data, stamp_ns, number)
+            except (CdffError, OSError, EOFError) as error:
+                self.drop("connection", f"{type(error).__name__}: {error}")
+                raise
             number += 1

@@ -16,6 +16,8 @@ from cdff_common.types import LidarScan, TransformWithCovariance
 #: Returns the name of a frame in ROCK.
 FrameName = Callable[[str], str]
 _NS_PER_US = 1000
+#: Type of the points of a cloud, ``/wrappers/Matrix</double,3,1>``.
+_POINT = np.dtype([("data", np.float64, (3,))])
 
 
 def _matrix(rows: Any) -> dict[str, Any]:
@@ -48,7 +50,8 @@ def rigid_body_state(value: TransformWithCovariance, frame: FrameName, stamp_ns:
 
 def point_cloud(value: LidarScan, _: FrameName, stamp_ns: int) -> dict[str, Any]:
     """Return ``/base/samples/Pointcloud`` of a sweep, which has no frame and no times of points."""
-    points = [{"data": row} for row in np.asarray(value.points_m, np.float64)]
+    points = np.zeros(len(value.points_m), _POINT)
+    points["data"] = value.points_m
     return {"time": {"microseconds": stamp_ns // _NS_PER_US}, "points": points, "colors": []}
 
 

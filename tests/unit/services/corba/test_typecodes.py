@@ -102,6 +102,22 @@ def test_a_value_of_another_type_is_not_written() -> None:
         ({**_VALUE, "mode": "RED"}, "RED"),
         ({"time": 1}, "expected"),
         ({**_VALUE, "time": {}}, "Time"),
+        ({**_VALUE, "name": 3}, "as string"),
+        ({**_VALUE, "points": {"data": [1.0, 2.0, 3.0]}}, "expected a list or an array"),
+        ({**_VALUE, "points": [{"data": {"x": 1.0}}]}, "expected a list or an array"),
+        ({**_VALUE, "points": [{"data": ["x", "y", "z"]}]}, "elements as float64"),
+        ({**_VALUE, "points": [{"data": np.eye(3)}]}, "expected one dimension"),
+        ({**_VALUE, "points": np.zeros(2, [("other", "<f8", (3,))])}, "as Vector3"),
+        ({**_VALUE, "image": [256]}, "elements as uint8"),
     ):
         with pytest.raises(CodecError, match=text):
             write_any(CdrWriter(), _SAMPLE, value)
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+def test_a_structured_array_has_the_bytes_of_its_elements(order: str) -> None:
+    points = np.zeros(2, [("data", f"{order}f8", (3,))])
+    points["data"] = [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]
+    writer = CdrWriter()
+    write_any(writer, _SAMPLE, {**_VALUE, "points": points})
+    assert bytes(writer.data) == _encoded()
