@@ -43,7 +43,7 @@ class _Samples:
 
 
 class _Names(NameServer):
-    """A name server that knows at most one port."""
+    """A name server with at most one port."""
 
     def __init__(self, port: int = 0) -> None:
         super().__init__("127.0.0.1", 1, "/cdff")
