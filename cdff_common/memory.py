@@ -48,7 +48,7 @@ def freeze_heap() -> None:
 
     The modules and descriptions of a service stay until it ends. A full collection that visits them needs
     some hundred milliseconds, in which no other thread runs. The default thresholds are for small programs:
-    with 2 000 open requests a sixth of the CPU time went into collections that freed nothing.
+    a service with many objects would collect often and free nothing.
     """
     gc.collect()
     gc.freeze()

@@ -185,9 +185,14 @@ def pose_and_rate_jacobian(state: TrackedState) -> FloatArray:
     return J
 
 
+def capture_limit(model: ModelPreparationOutputs) -> float:
+    """Return the largest error of the start, metres, from which a registration converges."""
+    return _MAX_CAPTURE * model.diameter_m
+
+
 def _capture_m(model: ModelPreparationOutputs, predicted: TrackedState) -> float:
     variances = np.diag(predicted.covariance)
     position_m = math.sqrt(float(variances[:3].max()))
     rotation_m = 0.5 * model.diameter_m * math.sqrt(float(variances[3:6].max()))
     d = model.diameter_m
-    return min(max(_SIGMAS * (position_m + rotation_m), _MIN_CAPTURE * d), _MAX_CAPTURE * d)
+    return min(max(_SIGMAS * (position_m + rotation_m), _MIN_CAPTURE * d), capture_limit(model))

@@ -23,7 +23,6 @@ SERVICES = (
     "gateway_ros2",
     "gateway_rock",
     "gateway_yarp",
-    "gateway_yarp",
 )
 
 

@@ -6,49 +6,25 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+import numpy as np
 import pytest
 
-from cdff_common.bus import Bus
 from cdff_common.client import Client
+from cdff_common.geometry import se3
 from cdff_common.interfaces.profile import load_profile
-from cdff_common.resources import deploy_folder
-from cdff_dev.missions.demonstration import script_of
-from cdff_dev.missions.models import upload_model
-from cdff_dev.missions.requests import Outcome, run_requests, wait_for_clock
-from cdff_dev.missions.stage import Stage
-from cdff_dev.ports import free_port
-from cdff_dev.simulate.scenario_files import load_any_scenario
-from cdff_dev.simulate.store import simulated_log
+from tests.support.approach import Approach, run_approach
 
 pytestmark = [pytest.mark.e2e, pytest.mark.slow, pytest.mark.timeout(900)]
 
-NAME = "close_approach"
-
 
 @pytest.fixture(scope="module")
-def approach() -> Iterator[tuple[str, list[Outcome]]]:
-    """Run the approach; return the endpoint of the router and the outcomes of OG2's requests."""
-    script, path = script_of(NAME), deploy_folder() / "profiles" / f"{NAME}.yaml"
-    connect, http = f"tcp/127.0.0.1:{free_port()}", f"127.0.0.1:{free_port()}"
-    log = simulated_log(load_any_scenario(str(script.scenario)))
-    with (
-        Stage(load_profile(path), path, connect, http) as stage,
-        Bus.open(connect, name="test", wait_s=20) as bus,
-    ):
-        stage.wait_ready(bus)
-        for name, mesh in script.models.items():
-            assert upload_model(http, name, mesh)["result"] == "inserted"
-            assert upload_model(http, name, mesh)["result"] == "already"
-        stage.play(str(log), script.rate)
-        clock, start_ns = wait_for_clock(bus, stage.check_running)
-        outcomes = run_requests(script.requests, clock, start_ns, connect, http, lambda _outcome: None)
-        yield connect, outcomes
+def approach() -> Iterator[Approach]:
+    with run_approach("close_approach") as approach:
+        yield approach
 
 
-def test_requests_with_bounds_on_the_accuracy_change_the_provider(
-    approach: tuple[str, list[Outcome]],
-) -> None:
-    _, outcomes = approach
+def test_requests_with_bounds_on_the_accuracy_change_the_provider(approach: Approach) -> None:
+    outcomes = approach.outcomes
     assert [outcome.faults for outcome in outcomes] == [()] * len(outcomes)
     plan = "\n".join(outcomes[2].explanation)
     for dfpc in ("far_range_object_tracking", "target_detection", "lidar_target_tracking"):
@@ -56,12 +32,18 @@ def test_requests_with_bounds_on_the_accuracy_change_the_provider(
     assert "detections from product/target_detection/detections" in plan
 
 
-def test_a_point_of_the_client_is_known_in_the_frame_of_the_arm(approach: tuple[str, list[Outcome]]) -> None:
-    connect, _ = approach
-    with Client(connect) as client:
+def test_the_pose_of_the_client_in_the_frame_of_the_arm_is_true(approach: Approach) -> None:
+    frames = load_profile("close_approach").robots[0].frames
+    T_base_arm = next(mount.transform.matrix for mount in frames if mount.child == "servicer/arm")
+    with Client(approach.connect) as client:
         newest = client.search("pose", robot="servicer", dfpc="lidar_target_tracking", limit=1)[0]
-        T_arm_client = client.pose(
-            "servicer", parent="servicer/arm", child="client/body", t_ns=newest.header.t1_ns
-        )
-    distance_m = float(T_arm_client.matrix[0, 3])
-    assert 5.0 < distance_m < 120.0
+        t_ns = newest.header.t1_ns
+        estimate = client.pose("servicer", parent="servicer/arm", child="client/body", t_ns=t_ns)
+    truth = se3.inverse(T_base_arm) @ approach.true_pose("lidar", t_ns)  # the lidar is in the base
+    error_m = estimate.matrix[:3, 3] - truth[:3, 3]
+    error_rad = se3.log_so3(estimate.matrix[:3, :3] @ truth[:3, :3].T)
+    assert np.linalg.norm(error_m) < 0.05
+    assert np.linalg.norm(error_rad) < np.radians(1.0)
+    assert estimate.covariance is not None
+    sigmas = np.sqrt(np.diag(estimate.covariance))
+    assert np.all(np.abs(np.r_[error_m, error_rad]) < 5.0 * sigmas)

@@ -141,13 +141,13 @@ def test_a_lidar_is_off_soon_after_its_last_user(demonstration: Demonstration) -
 
 
 @pytest.mark.slow
-def test_ctrl_c_ends_every_process(demonstration: Demonstration) -> None:
+def test_ctrl_c_ends_every_process_within_five_seconds(demonstration: Demonstration) -> None:
     process = demonstration.process
     demonstration.bus.close()
     processes = psutil.Process(process.pid).children(recursive=True)
     assert len(processes) > 8
     process.send_signal(signal.SIGINT)
-    assert process.wait(20.0) == 0  # every request was satisfied
+    assert process.wait(5.0) == 0  # every request was satisfied
     survivors = [p for p in processes if p.is_running() and p.status() != psutil.STATUS_ZOMBIE]
     assert not survivors, [p.cmdline() for p in survivors]
 

@@ -14,37 +14,16 @@ from urllib.request import urlopen
 
 import pytest
 
-from cdff_common.bus import Bus
-from cdff_common.interfaces.profile import load_profile
-from cdff_common.resources import deploy_folder
-from cdff_dev.missions.demonstration import script_of
-from cdff_dev.missions.requests import Outcome, run_requests, wait_for_clock
-from cdff_dev.missions.stage import Stage
 from cdff_dev.missions.tracks import http_json
-from cdff_dev.ports import free_port
-from cdff_dev.simulate.scenario_files import load_any_scenario
-from cdff_dev.simulate.store import simulated_log
+from tests.support.approach import Approach, run_approach
 
 pytestmark = [pytest.mark.e2e, pytest.mark.slow, pytest.mark.timeout(600)]
 
-NAME = "orbit_approach"
-
 
 @pytest.fixture(scope="module")
-def approach() -> Iterator[tuple[str, list[Outcome]]]:
-    """Run the approach; return the address of the DPM's HTTP server and the outcomes of OG2's requests."""
-    script, path = script_of(NAME), deploy_folder() / "profiles" / f"{NAME}.yaml"
-    connect, http = f"tcp/127.0.0.1:{free_port()}", f"127.0.0.1:{free_port()}"
-    log = simulated_log(load_any_scenario(str(script.scenario)))
-    with (
-        Stage(load_profile(path), path, connect, http) as stage,
-        Bus.open(connect, name="test", wait_s=20) as bus,
-    ):
-        stage.wait_ready(bus)
-        stage.play(str(log), script.rate)
-        clock, start_ns = wait_for_clock(bus, stage.check_running)
-        outcomes = run_requests(script.requests, clock, start_ns, connect, http, lambda _outcome: None)
-        yield http, outcomes
+def approach() -> Iterator[Approach]:
+    with run_approach("orbit_approach") as approach:
+        yield approach
 
 
 def found(http: str, query: str) -> list[dict[str, Any]]:
@@ -57,9 +36,9 @@ def payload(http: str, product: str, form: str) -> bytes:
 
 
 def test_og2_is_told_when_the_answer_becomes_range_as_well_as_bearing(
-    approach: tuple[str, list[Outcome]],
+    approach: Approach,
 ) -> None:
-    _, outcomes = approach
+    outcomes = approach.outcomes
     assert [outcome.faults for outcome in outcomes] == [()] * 4
     answers = {(o.request.frame, o.request.observable): o.summary for o in outcomes}
     assert "range unobservable" in answers["inertial", "bearing"]
@@ -69,9 +48,9 @@ def test_og2_is_told_when_the_answer_becomes_range_as_well_as_bearing(
 
 
 def test_tracks_are_found_by_time_and_id_in_frames_without_a_site(
-    approach: tuple[str, list[Outcome]],
+    approach: Approach,
 ) -> None:
-    http, _ = approach
+    http = approach.http
     every = [item for item in found(http, "robot=servicer") if item["quality"]["status"] != "FAILED"]
     assert {item["frame"] for item in every} == {"inertial", "servicer/lvlh"}
     middle_ns = sorted(int(item["t1_ns"]) for item in every)[len(every) // 2]
@@ -83,8 +62,8 @@ def test_tracks_are_found_by_time_and_id_in_frames_without_a_site(
     assert "csv" in one["formats"]
 
 
-def test_a_track_comes_as_csv_and_json_and_the_frames_agree(approach: tuple[str, list[Outcome]]) -> None:
-    http, _ = approach
+def test_a_track_comes_as_csv_and_json_and_the_frames_agree(approach: Approach) -> None:
+    http = approach.http
     newest: dict[str, dict[str, Any]] = {}
     every = found(http, "robot=servicer")
     answered_ns = max(int(i["t1_ns"]) for i in every if i.get("box_m") is not None)
@@ -107,8 +86,8 @@ def test_a_track_comes_as_csv_and_json_and_the_frames_agree(approach: tuple[str,
     assert lvlh["id"] == inertial["id"]
 
 
-def test_stac_items_of_tracks_have_no_geometry(approach: tuple[str, list[Outcome]]) -> None:
-    http, _ = approach
+def test_stac_items_of_tracks_have_no_geometry(approach: Approach) -> None:
+    http = approach.http
     with urlopen(f"http://{http}/stac/collections/track/items?limit=10", timeout=20.0) as answer:
         features = json.loads(answer.read())["features"]
     assert features

@@ -134,6 +134,8 @@ class _Fit:
     def __init__(self, inputs: Inputs, config: PointToPlaneConfig) -> None:
         self._config, d = config, inputs.diameter_m
         n = len(inputs.scan)
+        if n < _MIN_AGREEING:
+            raise RefusedError(f"{n} points, expected at least {_MIN_AGREEING}", ["no_overlap"])
         self._times_s = np.zeros(n) if inputs.times_s is None else np.array(inputs.times_s, np.float64)
         if len(self._times_s) != n:
             raise InputError(f"times_s: {len(self._times_s)} of {n} points, expected one for each point")

@@ -5,8 +5,9 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -28,7 +29,7 @@ from cdff_core.object_models.scan_detection import (
     no_body_reasons,
     valid_points,
 )
-from cdff_core.object_models.scan_fit import ScanFit, ScanFitter
+from cdff_core.object_models.scan_fit import ScanFit, ScanFitter, capture_limit
 from cdff_core.object_models.scan_parts import bodies, range_noise
 from cdff_core.object_models.state_filter import adapt_noise
 from cdff_core.object_models.tracked_state import TrackedState
@@ -44,6 +45,17 @@ _UNCERTAIN_RAD = math.radians(10.0)
 _NEAR_GATES = 10.0
 #: Weight of a new estimate of the noise.
 _NOISE_GAIN = 0.2
+#: Number of scans that are kept for detections that arrive later.
+_MAX_SCANS = 32
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Scan:
+    """Points (n, 3) of a scan, metres, and their times (n,) relative to its stamp, seconds."""
+
+    stamp_ns: int
+    points_m: FloatArray
+    times_s: FloatArray
 
 
 class LidarTargetTracking(BodyTracking, LidarTargetTrackingInterface):
@@ -66,6 +78,8 @@ class LidarTargetTracking(BodyTracking, LidarTargetTrackingInterface):
         super().restart()
         self._sigma_m = self.config.sigma_m
         self._received: tuple[int, list[Hypothesis]] | None = None
+        self._scans: deque[_Scan] = deque(maxlen=_MAX_SCANS)
+        self._used_state: TrackedState | None = None
 
     def on_detections(self, sample: Sample) -> Iterable[Output]:
         """Store the detections of the body; the next scan without a track uses them."""
@@ -97,23 +111,28 @@ class LidarTargetTracking(BodyTracking, LidarTargetTrackingInterface):
             return self._outputs(sample, None, Quality.failed("no_model"))
         if self._state is not None and sample.stamp_ns <= self._state.stamp_ns:
             return self._outputs(sample, None, Quality.failed(order_fault(self._state, sample.stamp_ns)))
+        scan = _Scan(sample.stamp_ns, points_m, times_s)
+        if not self.config.search_scans:
+            self._keep(scan)
         reasons = self._start_from_guess(model, sample.stamp_ns)
         if self._state is None:
-            return self._detect_body(sample, model, points_m, times_s, [])
+            return self._detect_body(sample, model, scan, [])
         predicted_state = self._filter.predicted(self._state, sample.stamp_ns)
-        fit, fault = self._fit(model, predicted_state, points_m, times_s)
+        fit, fault = self._fit(model, predicted_state, scan)
         if fit is not None and fault and self._is_underestimated(fit):
             predicted_state = replace(
                 predicted_state, covariance=4.0 * fit.distance / self._gate * predicted_state.covariance
             )
             reasons.append(fault)
-            fit, fault = self._fit(model, predicted_state, points_m, times_s)
+            fit, fault = self._fit(model, predicted_state, scan)
         if fit is not None and not fault:
             return self._used_fit(sample, model, predicted_state, fit, reasons)
         self._not_used(predicted_state, is_contradiction=fit is not None and fit.distance > self._gate)
-        is_uncertain = float(np.diag(predicted_state.covariance)[3:6].max()) > _UNCERTAIN_RAD**2
+        is_uncertain = bool(_uncertain_position(model, predicted_state)) or (
+            float(np.diag(predicted_state.covariance)[3:6].max()) > _UNCERTAIN_RAD**2
+        )
         if self._unused >= self.config.detect_after or (is_uncertain and len(points_m)):
-            return self._detect_body(sample, model, points_m, times_s, [fault])
+            return self._detect_body(sample, model, scan, [fault])
         return self._published(sample, ["coasting", fault], self._metrics(fit))
 
     def _used_fit(
@@ -125,18 +144,21 @@ class LidarTargetTracking(BodyTracking, LidarTargetTrackingInterface):
         reasons: list[str],
     ) -> Iterable[Output]:
         """Use a corrected state and publish it."""
-        self._state, self._unused, self._last_used_ns = (
-            adapt_noise(predicted_state, fit.state),
-            0,
-            sample.stamp_ns,
-        )
-        self._used += 1
-        if not self.config.sigma_m:
-            noise_m = bounded_noise(fit.sigma_m, model.diameter_m)
-            self._sigma_m += _NOISE_GAIN * (noise_m - self._sigma_m)
+        self._use(model, predicted_state, fit)
         return self._published(
             sample, reasons + [f"degenerate:{name}" for name in _weak_names(fit)], self._metrics(fit)
         )
+
+    def _use(self, model: ModelPreparationOutputs, predicted_state: TrackedState, fit: ScanFit) -> None:
+        """Continue the track with the state corrected by a scan."""
+        self._state = self._used_state = adapt_noise(predicted_state, fit.state)
+        self._unused, self._last_used_ns = 0, fit.state.stamp_ns
+        self._used += 1
+        while self._scans and self._scans[0].stamp_ns <= fit.state.stamp_ns:
+            self._scans.popleft()
+        if not self.config.sigma_m:
+            noise_m = bounded_noise(fit.sigma_m, model.diameter_m)
+            self._sigma_m += _NOISE_GAIN * (noise_m - self._sigma_m)
 
     def _is_underestimated(self, fit: ScanFit) -> bool:
         """Return whether the covariance of the prediction is too small: the scan agrees with the model, and
@@ -153,19 +175,21 @@ class LidarTargetTracking(BodyTracking, LidarTargetTrackingInterface):
         self,
         model: ModelPreparationOutputs,
         predicted_state: TrackedState,
-        points_m: FloatArray,
-        times_s: FloatArray,
+        scan: _Scan,
     ) -> tuple[ScanFit | None, str]:
         """Return the fit, None without one, and the reason why its state is not used; the reason is empty if
         it is used.
         """
-        cfg = self.config
+        cfg, points_m = self.config, scan.points_m
         if len(points_m) < cfg.min_points:
             return None, f"few_points:{len(points_m)}<{cfg.min_points}"
+        fault = _uncertain_position(model, predicted_state)
+        if fault:
+            return None, fault
         if not self._sigma_m:
             self._sigma_m = bounded_noise(range_noise(points_m), model.diameter_m)
         try:
-            fit = self._fitter.fit(model, predicted_state, points_m, times_s, self._sigma_m)
+            fit = self._fitter.fit(model, predicted_state, points_m, scan.times_s, self._sigma_m)
         except RefusedError as error:
             return None, error.reasons[0]
         if fit.points < cfg.min_points:
@@ -177,31 +201,27 @@ class LidarTargetTracking(BodyTracking, LidarTargetTrackingInterface):
         return fit, ""
 
     def _detect_body(
-        self,
-        sample: Sample,
-        model: ModelPreparationOutputs,
-        points_m: FloatArray,
-        times_s: FloatArray,
-        reasons: list[str],
+        self, sample: Sample, model: ModelPreparationOutputs, scan: _Scan, reasons: list[str]
     ) -> Iterable[Output]:
-        """Detect the body in a scan: correct the track, or start one."""
+        """Detect the body: correct the track, or start one."""
         try:
             if self.config.search_scans:
-                hypotheses = self._detect(model, points_m)
+                hypotheses = self._detect(model, scan.points_m)
                 # The pose is that of the middle of the scan. The scan then corrects it: it counts once.
-                stamp_ns = sample.stamp_ns + round(1e9 * float(np.median(times_s)))
+                stamp_ns = scan.stamp_ns + round(1e9 * float(np.median(scan.times_s)))
+                names = [*self._use_detection(model, hypotheses, stamp_ns), *reasons]
+                self._last_used_ns = sample.stamp_ns
             else:
-                stamp_ns, hypotheses = self._take_received(sample.stamp_ns)
+                names = [*self._use_received(model, scan), *reasons]
         except RefusedError as error:
             if self._state is None:
                 return self._outputs(sample, None, Quality.failed("not_found", *error.reasons))
             return self._published(sample, ["coasting", *reasons, *error.reasons], self._metrics(None))
-        names = [*self._use_detection(model, hypotheses, stamp_ns), *reasons]
         assert self._state is not None
         predicted_state = self._filter.predicted(self._state, sample.stamp_ns)
-        fit, fault = self._fit(model, predicted_state, points_m, times_s)
+        fit, fault = self._fit(model, predicted_state, scan)
         if fit is None or fault:
-            self._state, self._last_used_ns = predicted_state, sample.stamp_ns
+            self._state = predicted_state
             return self._published(sample, [*names, fault], self._metrics(fit))
         return self._used_fit(sample, model, predicted_state, fit, names)
 
@@ -223,6 +243,28 @@ class LidarTargetTracking(BodyTracking, LidarTargetTrackingInterface):
             )
         return max(accepted, key=lambda hypotheses: hypotheses[0].score)
 
+    def _keep(self, scan: _Scan) -> None:
+        """Keep a scan for detections that arrive later, for ``lost_after_s``."""
+        self._scans.append(scan)
+        while scan.stamp_ns - self._scans[0].stamp_ns > 1e9 * self.config.lost_after_s:
+            self._scans.popleft()
+
+    def _use_received(self, model: ModelPreparationOutputs, scan: _Scan) -> list[str]:
+        """Correct the track with the newest detections, or start one, and repeat the scans from their time to
+        this one; return the reasons. RefusedError without recent detections.
+        """
+        stamp_ns, hypotheses = self._take_received(scan.stamp_ns)
+        self._state = self._used_state and self._filter.predicted(self._used_state, stamp_ns)
+        reasons = self._use_detection(model, hypotheses, stamp_ns)
+        self._last_used_ns = stamp_ns
+        for earlier in [s for s in self._scans if stamp_ns <= s.stamp_ns < scan.stamp_ns]:
+            assert self._state is not None
+            predicted_state = self._filter.predicted(self._state, earlier.stamp_ns)
+            fit, fault = self._fit(model, predicted_state, earlier)
+            if fit is not None and not fault:
+                self._use(model, predicted_state, fit)
+        return reasons
+
     def _take_received(self, stamp_ns: int) -> tuple[int, list[Hypothesis]]:
         """Return time and hypotheses of the newest detections; RefusedError without recent ones."""
         received, self._received = self._received, None
@@ -232,10 +274,8 @@ class LidarTargetTracking(BodyTracking, LidarTargetTrackingInterface):
         if not 0.0 <= age_s <= self.config.lost_after_s:
             limit_s = self.config.lost_after_s
             raise RefusedError("old detections", [f"detections_old:{age_s:.3g}s>{limit_s:g}s"])
-        if self._state is not None:
-            if received[0] < self._state.stamp_ns:
-                raise RefusedError("detections before the state", ["no_new_detections"])
-            self._state = self._filter.predicted(self._state, received[0])
+        if self._used_state is not None and received[0] < self._used_state.stamp_ns:
+            raise RefusedError("detections before the last used scan", ["no_new_detections"])
         return received
 
     def _metrics(self, fit: ScanFit | None) -> dict[str, float]:
@@ -253,3 +293,9 @@ class LidarTargetTracking(BodyTracking, LidarTargetTrackingInterface):
 
 def _weak_names(fit: ScanFit) -> list[str]:
     return direction_names(fit.weak_directions) if len(fit.weak_directions) else []
+
+
+def _uncertain_position(model: ModelPreparationOutputs, state: TrackedState) -> str:
+    """Return the reason if a registration would not converge from most positions that are possible."""
+    sigma_m, limit_m = math.sqrt(float(np.diag(state.covariance)[:3].max())), capture_limit(model)
+    return f"uncertain_position:{sigma_m:.3g}m>{limit_m:.3g}m" if sigma_m > limit_m else ""

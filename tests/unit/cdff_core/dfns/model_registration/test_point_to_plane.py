@@ -114,6 +114,9 @@ def test_wrong_sizes_and_points_elsewhere_are_refused(rng: np.random.Generator) 
     with pytest.raises(RefusedError) as refused:
         register(points + np.array([3.0, 0.0, 0.0]), T)
     assert refused.value.reasons == ("no_overlap",)
+    with pytest.raises(RefusedError) as empty:
+        register(np.zeros((0, 3)), T)
+    assert empty.value.reasons == ("no_overlap",)
     with pytest.raises(RefusedError) as inside:
         register(points, se3.transform(T[:3, :3], np.zeros(3)))
     assert inside.value.reasons == ("sensor_inside",)

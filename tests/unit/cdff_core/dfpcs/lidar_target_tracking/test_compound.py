@@ -272,3 +272,53 @@ def test_detections_from_a_long_time_ago_are_not_used(rng: np.random.Generator) 
     list(dfpc.step(detections(0.0, truth(0.0))))
     pose, _ = step(dfpc, cloud(30.0, points_at(30.0, rng)))
     assert pose.quality.reasons == ("not_found", "detections_old:30s>5s")
+
+
+def approaching(t_s: float) -> np.ndarray:
+    """Return T_sensor_body of a body that comes nearer by more than its size between two scans."""
+    T = truth(t_s)
+    T[2, 3] += 12.0 - 3.0 * t_s
+    return T
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("delay", [0, 1, 3])
+def test_detections_that_arrive_late_start_a_track_of_a_fast_body(
+    rng: np.random.Generator, delay: int
+) -> None:
+    dfpc = make_dfpc(search_scans=False, initial_velocity_sigma_mps=3.0)
+    poses = []
+    for k in range(6):
+        if k >= delay:
+            list(dfpc.step(detections(float(k - delay), approaching(float(k - delay)))))
+        points = satellite.scan(satellite.satellite(), approaching(float(k)), rng=rng, **LIDAR)
+        poses.append(step(dfpc, cloud(float(k), points))[0])
+    assert [pose.quality.reasons[0] for pose in poses[:delay]] == ["not_found"] * delay
+    assert delay == 0 or poses[delay].quality.reasons[1].startswith("uncertain_position:")
+    for k in range(delay + 1, 6):
+        error_m = poses[k].value.transform.matrix[:3, 3] - approaching(float(k))[:3, 3]
+        assert np.linalg.norm(error_m) < 0.05
+
+
+@pytest.mark.slow
+def test_a_lost_track_continues_with_late_detections(rng: np.random.Generator) -> None:
+    dfpc = make_dfpc(search_scans=False, lost_after_s=4.0)
+    list(dfpc.step(detections(0.0, truth(0.0))))
+    for k in range(3):
+        step(dfpc, cloud(float(k), points_at(float(k), rng)))
+    empty = [step(dfpc, cloud(float(k), np.zeros((0, 3))))[0].quality for k in range(3, 10)]
+    assert empty[-1].status is Status.FAILED
+    step(dfpc, cloud(10.0, points_at(10.0, rng)))
+    list(dfpc.step(detections(10.0, truth(10.0))))
+    pose, _ = step(dfpc, cloud(11.0, points_at(11.0, rng)))
+    assert pose.quality.status is not Status.FAILED
+    assert errors(pose, 11.0)[1] < 0.02
+
+
+def test_detections_before_the_last_used_scan_are_not_used(rng: np.random.Generator) -> None:
+    dfpc = make_dfpc(search_scans=False)
+    list(dfpc.step(detections(1.0, truth(1.0))))
+    step(dfpc, cloud(1.0, points_at(1.0, rng)))
+    list(dfpc.step(detections(0.0, truth(0.0))))
+    reasons = [step(dfpc, cloud(float(k), np.zeros((0, 3))))[0].quality.reasons for k in range(2, 5)]
+    assert reasons[-1] == ("coasting", "few_points:0<20", "no_new_detections")
