@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from abc import abstractmethod
 from collections.abc import Iterable, Mapping
 from typing import Any, Literal
@@ -141,18 +142,18 @@ class BodyTracking(Dfpc):
         return reasons
 
     def _agreeing(self, model: ModelPreparationOutputs, poses: Iterable[FloatArray]) -> TrackedState | None:
-        """Return the state corrected with the first detected pose (4, 4) that agrees with it; None without
-        one.
+        """Return the state corrected with the detected pose (4, 4) that agrees best with it; None if none
+        agrees.
         """
-        if self._state is None:
+        predicted = self._state
+        if predicted is None:
             return None
         covariance = np.diag(self._guess_sigmas(model) ** 2)
+        agreeing = []
         for T in poses:
-            try:
-                return self._filter.corrected(self._state, T, covariance)
-            except RefusedError:
-                continue
-        return None
+            with contextlib.suppress(RefusedError):
+                agreeing.append(self._filter.corrected(predicted, T, covariance))
+        return min(agreeing, key=lambda state: state.squared_distance(predicted), default=None)
 
     def _published(
         self, sample: Sample, reasons: list[str], metrics: Mapping[str, float]

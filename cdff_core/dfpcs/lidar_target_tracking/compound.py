@@ -183,9 +183,6 @@ class LidarTargetTracking(BodyTracking, LidarTargetTrackingInterface):
         cfg, points_m = self.config, scan.points_m
         if len(points_m) < cfg.min_points:
             return None, f"few_points:{len(points_m)}<{cfg.min_points}"
-        fault = _uncertain_position(model, predicted_state)
-        if fault:
-            return None, fault
         if not self._sigma_m:
             self._sigma_m = bounded_noise(range_noise(points_m), model.diameter_m)
         try:
@@ -194,6 +191,9 @@ class LidarTargetTracking(BodyTracking, LidarTargetTrackingInterface):
             return None, error.reasons[0]
         if fit.points < cfg.min_points:
             return fit, f"few_points:{fit.points}<{cfg.min_points}"
+        uncertain = _uncertain_position(model, predicted_state)
+        if uncertain and fit.agreement < cfg.min_score:
+            return None, uncertain
         if fit.agreement < cfg.min_agreement:
             return fit, f"low_agreement:{fit.agreement:.2f}<{cfg.min_agreement:g}"
         if fit.distance > self._gate:
