@@ -3,7 +3,8 @@
 """Surfaces from RGB-D images of a kitchen and from simulated lidar scans of a tumbling satellite.
 
 Every second depth image of 7-Scenes is fused; the depths of the others are compared with the surface. The
-poses of the scans are the true ones with the noise of a tracker.
+poses of the scans are the true ones with the noise of a tracker. ``unknown_poses``: other rotations of the
+satellite, whose scans are registered with the surface.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ import numpy as np
 
 from cdff_common.arrays import FloatArray
 from cdff_common.geometry import UncertainTransform, se3
+from cdff_common.geometry.covariance import pose_error
 from cdff_common.interfaces.dfpc import Dfpc, Sample
 from cdff_common.interfaces.registry import Registry
 from cdff_common.types import Mesh, Pointcloud, TransformWithCovariance
@@ -24,13 +26,16 @@ from cdff_core.rigid_body.torque_free import TorqueFreeBody
 from cdff_dev.logs.opened import opened
 from evaluation.scenes.target_scans import Body, Sensor, scan_at, tango
 
-PARTS = ("rgbd", "lidar")
+PARTS = ("rgbd", "lidar", "unknown_poses")
 #: Lidar of 64 x 64 points that shows Tango at 10 m, and the noise of the poses: of each axis, m and degrees.
 LIDAR = Sensor(64, 12.0, 0.02, (10.0, 10.0))
 #: Voxels and views that suit the thin panels of the satellite.
 LIDAR_PARAMETERS = {"voxel_m": 0.02, "fusion": {"truncation_voxels": 3.0, "min_views": 5}}
 SCANS, INTERVAL_S, RATE_DEG_S = 200, 5.0, 1.5
 POSE_NOISES = {"true poses": (0.0, 0.0), "poses with noise of 3 mm and 0.2 deg": (0.003, 0.2)}
+#: Lidar, seeds of the rotations, and interval between the scans, s, with unknown poses.
+UNKNOWN_LIDAR = Sensor(128, 12.0, 0.02, (10.0, 10.0))
+UNKNOWN_SEEDS, UNKNOWN_INTERVAL_S = (11, 12, 13, 14, 15), 2.0
 #: Unused depth images that are compared: every n-th.
 COMPARED = 5
 
@@ -46,7 +51,58 @@ def evaluate(data: Path, progress: Callable[[str], None], parts: Sequence[str] =
         for name, noise in POSE_NOISES.items():
             progress(f"reconstruction_3d: {name}")
             figures["lidar"][name] = tumbling_client(tango(data), *noise)
+    if "unknown_poses" in parts:
+        progress("reconstruction_3d: unknown poses")
+        figures["unknown_poses"] = [unknown_client(tango(data), seed) for seed in UNKNOWN_SEEDS]
     return figures
+
+
+def unknown_client(body: Body, seed: int) -> dict[str, Any]:
+    """Return the errors of poses and surface of a rotating satellite without known poses."""
+    rng = np.random.default_rng(seed)
+    axis = rng.normal(size=3)
+    motion = TorqueFreeBody(
+        [0.6, 0.8, 1.0],
+        np.deg2rad(RATE_DEG_S) * axis / np.linalg.norm(axis),
+        se3.exp_so3(rng.normal(size=3)),
+    )
+    t_s = UNKNOWN_INTERVAL_S * np.arange(SCANS)
+    R = motion.orientations(t_s)
+    centre = 0.5 * (body.vertices.min(axis=0) + body.vertices.max(axis=0))
+    truth = se3.transform(R, np.array([0.0, 0.0, 10.0]) - R @ centre)
+    dfpc = _dfpc({"range_sigma_m": UNKNOWN_LIDAR.sigma_m, "solve_poses": True, **LIDAR_PARAMETERS})
+    T_model_body, cpu_s, errors, squared = np.eye(4), 0.0, [], []
+    for number, T_sensor_body in enumerate(truth):
+        stamp_ns = 1000 * round(1e6 * t_s[number])
+        points = scan_at(body, UNKNOWN_LIDAR, T_sensor_body, rng)
+        cloud = Pointcloud.from_points(points, frame="servicer/lidar", stamp_ns=stamp_ns)
+        started = time.process_time()
+        outputs = list(dfpc.step(Sample("cloud", stamp_ns, number, cloud, frame="servicer/lidar")))
+        cpu_s += time.process_time() - started
+        if not outputs:
+            continue
+        pose = outputs[0].value.transform
+        if not number:
+            T_model_body = pose.matrix @ T_sensor_body
+            continue
+        error = pose_error(T_model_body @ se3.inverse(T_sensor_body), pose.matrix)
+        errors.append(float(np.degrees(np.linalg.norm(error[3:]))))
+        squared.append(float(error @ np.linalg.solve(pose.covariance, error)))
+    list(dfpc.finish())
+    mesh: Mesh = dfpc.store.get("mesh")
+    vertices = se3.transform_points(se3.inverse(T_model_body), mesh.data.vertices.astype(np.float64))
+    distances = _distances(body, vertices)
+    return {
+        "seed": seed,
+        "registered_percent": 100.0 * (1 + len(errors)) / SCANS,
+        "rotation_deg": {"median": float(np.median(errors)), "largest": max(errors)},
+        "mean_nees": float(np.mean(squared)),
+        "distance_mm": {
+            "rms": 1e3 * float(np.sqrt(np.mean(distances**2))),
+            "median": 1e3 * float(np.median(distances)),
+        },
+        "cpu_s_per_scan": cpu_s / SCANS,
+    }
 
 
 def seven_scenes(data: Path) -> dict[str, Any]:
@@ -187,5 +243,19 @@ def table(figures: dict[str, Any]) -> str:
             f"{row['distance_mm']['p95']:.1f} mm | {row['complete_within_30_mm_percent']:.1f} % | "
             f"{row['cpu_s_per_scan']:.3f} s |"
             for name, row in figures["lidar"].items()
+        ]
+    if "unknown_poses" in figures:
+        lines += [
+            "",
+            "| unknown poses, seed | scans registered | rotation error, median | largest | NEES (6) "
+            "| surface RMS | median | CPU per scan |",
+            "|---|---|---|---|---|---|---|---|",
+        ]
+        lines += [
+            f"| {row['seed']} | {row['registered_percent']:.0f} % | {row['rotation_deg']['median']:.2f}° | "
+            f"{row['rotation_deg']['largest']:.2f}° | {row['mean_nees']:.2f} | "
+            f"{row['distance_mm']['rms']:.1f} mm | {row['distance_mm']['median']:.1f} mm | "
+            f"{row['cpu_s_per_scan']:.3f} s |"
+            for row in figures["unknown_poses"]
         ]
     return "\n".join(lines)

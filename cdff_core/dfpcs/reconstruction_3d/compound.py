@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Controller of Reconstruction3D: queue captures, wait for their poses, fuse, publish the surface."""
+"""Controller of Reconstruction3D: queue captures, wait for their poses or determine them, fuse, publish."""
 
 from __future__ import annotations
 
@@ -36,12 +36,16 @@ from cdff_core.dfpcs.reconstruction_3d.organised import (
     of_cloud,
     of_depth,
 )
+from cdff_core.dfpcs.reconstruction_3d.surface_registration import SurfaceRegistration
 from cdff_core.imaging.depth_images import depth_of
+from cdff_core.object_models.prepared import body_frame
 
 #: Greatest number of captures listed as inputs of a product.
 _MAX_INPUTS = 256
 #: Step of the intensity of the cloud, in voxels.
 _SIGMA_STEP = 1e-5
+#: Edge of the cells for the registration, in distances between the points of the first capture.
+_CELLS_PER_SPACING = 1.0
 
 
 class _UsedCapture(NamedTuple):
@@ -50,7 +54,7 @@ class _UsedCapture(NamedTuple):
 
 
 class Reconstruction3D(Reconstruction3DInterface):
-    """Surface of captures of known pose, in a truncated signed distance field."""
+    """Surface of captures in a truncated signed distance field; their poses are given or determined."""
 
     Config = Reconstruction3DConfig
     config: Reconstruction3DConfig
@@ -61,6 +65,7 @@ class Reconstruction3D(Reconstruction3DInterface):
             raise ConfigurationError(f"{self.name}: fusion: voxel_m is a parameter of the DFPC")
         compile_kernels()
         self._normals, self._disparity = self.dfn("normals"), self.dfn("disparity")
+        self._register = self.dfn("registration") if self.config.solve_poses else None
         self._mesh: Mesh | None = None
         self.restart()
         self.store.offer("mesh", lambda: self._mesh)
@@ -75,10 +80,13 @@ class Reconstruction3D(Reconstruction3DInterface):
         self._used: list[_UsedCapture] = []
         self._drops: Counter[str] = Counter()
         self._rejected_blocks, self._newest_ns = 0, 0
+        self._registration: SurfaceRegistration | None = None
 
     def on_depth(self, sample: Sample) -> Iterable[Output]:
-        """Queue the capture; process the captures that the poses enclose."""
+        """Queue the capture; process the captures that the poses enclose, or determine its pose."""
         self._newest_ns = max(self._newest_ns, sample.stamp_ns)
+        if self.config.solve_poses:
+            return list(self._add(sample))
         self._queue.append(sample)
         outputs = list(self._process_queue(is_last=False))
         if len(self._queue) > self.config.max_waiting:
@@ -86,7 +94,7 @@ class Reconstruction3D(Reconstruction3DInterface):
             self._drops["waited_for_pose"] += 1
         return outputs
 
-    on_cloud = on_stereo = on_depth
+    on_cloud = on_scan = on_stereo = on_depth
 
     def on_image(self, sample: Sample) -> Iterable[Output]:
         """Keep the image for the colour of a depth image of the same time."""
@@ -95,7 +103,9 @@ class Reconstruction3D(Reconstruction3DInterface):
         return ()
 
     def on_poses(self, sample: Sample) -> Iterable[Output]:
-        """Add the pose; process the captures that the poses enclose."""
+        """Add the pose; process the captures that the poses enclose. Ignored with ``solve_poses``."""
+        if self.config.solve_poses:
+            return []
         if sample.value is None or sample.quality.status is Status.FAILED:
             self._drops["failed_pose"] += 1
             return []
@@ -129,35 +139,68 @@ class Reconstruction3D(Reconstruction3DInterface):
             if not is_last and not (self._poses.stamps_ns and self._poses.stamps_ns[-1] >= sample.stamp_ns):
                 return
             self._queue.popleft()
-            try:
-                T_model_sensor = self._pose(sample)
-                self._fuse(sample, T_model_sensor)
-            except RefusedError as refusal:
-                self._drops[refusal.reasons[0].split(":")[0]] += 1
-                continue
-            except ExtrapolationError:
-                self._drops["no_pose"] += 1
-                continue
-            except FrameNotFoundError:
-                self._drops["frame_unknown"] += 1
-                continue
-            except InputError:
-                self._drops["malformed"] += 1
-                continue
-            self._used.append(_UsedCapture(sample.stamp_ns, sample.id))
-            self._frame = self._frames[1 if self._is_of_body(sample) else 0] or "model"
-            yield Output.of_pose(
-                "pose",
-                T_model_sensor,
-                stamp_ns=sample.stamp_ns,
-                frame=self._frame,
-                child=sample.frame or "sensor",
-                quality=Quality(covariance_kind=self.covariance_kind),
-                inputs=(sample.id,),
-                producer=self.name,
+            yield from self._add(sample)
+
+    def _add(self, sample: Sample) -> Iterable[Output]:
+        """Fuse a capture; yield its pose, and the surface when it is due."""
+        try:
+            cloud = self._organise(sample)
+            T_model_sensor, weak = (
+                (self._pose(sample), ())
+                if self._register is None
+                else self._solve(sample, cloud, self._register)
             )
-            if len(self._used) % self.config.publish_every == 0:
-                yield from self._publish()
+            self._fuse(sample, cloud, T_model_sensor)
+        except RefusedError as refusal:
+            self._drops[refusal.reasons[0].split(":")[0]] += 1
+            return
+        except ExtrapolationError:
+            self._drops["no_pose"] += 1
+            return
+        except FrameNotFoundError:
+            self._drops["frame_unknown"] += 1
+            return
+        except InputError:
+            self._drops["malformed"] += 1
+            return
+        self._used.append(_UsedCapture(sample.stamp_ns, sample.id))
+        self._frame = self._model_frame(sample)
+        yield Output.of_pose(
+            "pose",
+            T_model_sensor,
+            stamp_ns=sample.stamp_ns,
+            frame=self._frame,
+            child=sample.frame or "sensor",
+            quality=Quality.from_reasons([f"degenerate:{name}" for name in weak], self.covariance_kind),
+            inputs=(sample.id,),
+            producer=self.name,
+        )
+        if len(self._used) % self.config.publish_every == 0:
+            yield from self._publish()
+
+    def _model_frame(self, sample: Sample) -> str:
+        """Return the frame of the surface."""
+        if self.config.solve_poses:
+            return body_frame(self.config.body) if self.config.body else "model"
+        return self._frames[1 if self._is_of_body(sample) else 0] or "model"
+
+    def _solve(
+        self, sample: Sample, cloud: OrganisedCloud, register: Dfn[Any, Any, Any]
+    ) -> tuple[UncertainTransform, tuple[str, ...]]:
+        """Return T_model_sensor by registration with the surface so far, and the directions that only the
+        prediction determines; raises RefusedError.
+        """
+        if self._registration is None:
+            self._registration = SurfaceRegistration(register, _CELLS_PER_SPACING * cloud.scale_m())
+        is_point = np.isfinite(cloud.normals).all(axis=2) & np.isfinite(cloud.points).all(axis=2)
+        R = cloud.T_sensor_camera[:3, :3]
+        located = self._registration.locate(
+            sample.stamp_ns,
+            cloud.points[is_point].astype(np.float64) @ R.T,
+            cloud.normals[is_point].astype(np.float64) @ R.T,
+            float(np.median(cloud.sigmas[is_point])),
+        )
+        return located.pose, located.weak
 
     def _is_of_body(self, sample: Sample) -> bool:
         """Return True if the poses are T_sensor_body."""
@@ -179,9 +222,8 @@ class Reconstruction3D(Reconstruction3DInterface):
             pose = pose @ UncertainTransform.exact(self._mount(child, sample.frame, sample.stamp_ns))
         return pose
 
-    def _fuse(self, sample: Sample, T_model_sensor: UncertainTransform) -> None:
+    def _fuse(self, sample: Sample, cloud: OrganisedCloud, T_model_sensor: UncertainTransform) -> None:
         """Fuse a capture; raises InputError or RefusedError."""
-        cloud = self._organise(sample)
         if self._fusion is None:
             self._voxel_m = self.config.voxel_m or _round_length(cloud.scale_m())
             self._fusion = self.dfn("fusion", voxel_m=self._voxel_m)
@@ -202,7 +244,7 @@ class Reconstruction3D(Reconstruction3DInterface):
         """Return the points of a cloud, depth image or stereo pair with normals and standard deviations."""
         config, value = self.config, sample.value
         max_range_m = np.inf if config.max_range_m is None else config.max_range_m
-        if sample.port == "cloud":
+        if sample.port in ("cloud", "scan"):
             ranges = np.linalg.norm(value.points_m, axis=1)
             with np.errstate(invalid="ignore"):
                 points = value.points_m[(ranges >= config.min_range_m) & (ranges <= max_range_m)]

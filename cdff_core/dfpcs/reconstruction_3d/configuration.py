@@ -21,6 +21,15 @@ class Reconstruction3DConfig(DfpcConfig):
         "sensor",
         description="Meaning of poses of other frames than the sensor's: T_model_sensor or T_sensor_body",
     )
+    solve_poses: bool = Field(
+        False,
+        description="The captures show one unknown body without poses: each is registered with the surface",
+    )
+    body: str = Field(
+        "",
+        pattern=r"^([a-z][a-z0-9_]{0,30})?$",
+        description="With solve_poses: name of the body, so that the surface is in the frame {body}/body",
+    )
     images_registered: bool = Field(
         False, description="Images whose frame has no known transform are taken to be at the depth camera"
     )

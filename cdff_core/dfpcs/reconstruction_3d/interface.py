@@ -13,12 +13,13 @@ from cdff_common.types import Mesh
 
 
 class Reconstruction3DInterface(Dfpc):
-    """Reconstruct the surface of an unknown body or scene from depth images, lidar clouds or stereo
-    pairs of known pose: a mesh and a cloud with colour and standard deviation.
+    """Reconstruct the surface of an unknown body or scene from depth images, lidar scans or stereo
+    pairs: a mesh and a cloud with colour and standard deviation. The poses are given or, for one
+    body, determined by registration with the surface.
     """
 
     name = "reconstruction_3d"
-    INPUT_PORTS = ("depth", "cloud", "stereo", "image", "poses")
+    INPUT_PORTS = ("depth", "cloud", "scan", "stereo", "image", "poses")
 
     @abstractmethod
     def on_depth(self, sample: Sample) -> Iterable[Output]:
@@ -33,6 +34,12 @@ class Reconstruction3DInterface(Dfpc):
         """
 
     @abstractmethod
+    def on_scan(self, sample: Sample) -> Iterable[Output]:
+        """Process an input of type LidarScan. Lidar scan in the frame of the sensor; its points are
+        taken as captured at its stamp.
+        """
+
+    @abstractmethod
     def on_stereo(self, sample: Sample) -> Iterable[Output]:
         """Process an input of type FramePair. Rectified stereo pair."""
 
@@ -43,7 +50,8 @@ class Reconstruction3DInterface(Dfpc):
     @abstractmethod
     def on_poses(self, sample: Sample) -> Iterable[Output]:
         """Process an input of type TransformWithCovariance. T_model_sensor; or T_sensor_body of a
-        tracker if its parent is the frame of the sensor, or with pose_of: body.
+        tracker if its parent is the frame of the sensor, or with pose_of: body; ignored with
+        solve_poses.
         """
 
     @abstractmethod
