@@ -195,21 +195,36 @@ def calibrated(image: Float32Array) -> tuple[CameraModel, float]:
     return calibrated_camera, float(np.sqrt(max(excess, 0.0)))
 
 
-def centroid_bound_px(snr: float, spread_px: float = SPREAD_PX) -> float:
-    """Return the Cramér–Rao bound of a coordinate in white noise, mean over the place within the pixel.
+def centroid_bound_px(snr: float, spread_px: float = SPREAD_PX, noise_ratio: float = 0.0) -> float:
+    """Return the Cramér–Rao bound of a coordinate of a point source, root mean square over the offsets of the
+    source from the centre of its pixel.
 
-    The signal-to-noise ratio is that of the total light, fitted at a known place.
+    The variance of a pixel is that of the background, plus the photon noise of the source as in
+    ``StarField.photograph``. Both the mean and the variance of a pixel contain information on the position
+    (Kay 1993, Fundamentals of Statistical Signal Processing: Estimation Theory, equation 3.31).
+
+    Parameters
+    ----------
+    snr : float
+        Signal-to-noise ratio of the total light in the noise of the background, fitted at a known position.
+    noise_ratio : float
+        Standard deviation of the noise of the background, relative to the level of the background; 0 for
+        sources without photon noise.
     """
-    values = []
-    for offset in np.linspace(-0.5, 0.5, 11):
-        x = np.arange(-12, 13) - offset
-        step_px = 1e-4
-        light, slope = (
-            _pixel_light(x, spread_px),
-            (_pixel_light(x - step_px, spread_px) - _pixel_light(x, spread_px)) / step_px,
-        )
-        values.append(np.linalg.norm(light) / np.linalg.norm(slope))
-    return float(np.sqrt(np.mean(np.square(values)))) / snr
+    variances = []
+    step_px = 1e-4
+    x = np.arange(-12, 13)
+    for u in np.linspace(-0.5, 0.5, 11):
+        for v in np.linspace(-0.5, 0.5, 11):
+            across, down = _pixel_light(x - u, spread_px), _pixel_light(x - v, spread_px)
+            slope = (_pixel_light(x - u - step_px, spread_px) - across) / step_px
+            shape = np.outer(down, across)
+            scale = snr / np.linalg.norm(shape)
+            light, by_u = scale * shape, scale * np.outer(down, slope)
+            variance = 1.0 + noise_ratio * light
+            information = by_u**2 / variance + 0.5 * (noise_ratio * by_u / variance) ** 2
+            variances.append(1.0 / information.sum())
+    return float(np.sqrt(np.mean(variances)))
 
 
 def _pixel_light(x: FloatArray, spread_px: float) -> FloatArray:
