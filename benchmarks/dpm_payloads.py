@@ -77,7 +77,7 @@ def measured(store_folder: Path, count: int) -> dict[str, Any]:
                     continue
                 sums, name, of = chunk_sums(payload), digest(payload), times[product]
                 path = plain / name
-                timed(lambda p=payload, n=name: files.write(n, p), of["write_compressed"])
+                timed(lambda p=payload, n=name, s=sums: files.write(n, p, s), of["write_compressed"])
                 timed(lambda p=payload, t=path: write_plain(t, p), of["write_plain"])
                 read = timed(
                     lambda p=payload, n=name, s=sums: files.read(n, len(p), s, 0, len(p), n),

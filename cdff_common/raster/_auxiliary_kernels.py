@@ -11,6 +11,8 @@ from numba import njit
 
 from cdff_common.arrays import Float32Array, FloatArray
 from cdff_common.raster.auxiliary_layers import (
+    AREA_SUM,
+    COUNT_SQUARES,
     FIRST_US,
     INTENSITY_COUNT,
     INTENSITY_SUM,
@@ -25,14 +27,20 @@ def pool_auxiliary(
     row: int,
     col: int,
     n: float,
+    squares: float,
+    area: float,
     pose: float,
     intensity: float,
     first_us: float,
     overhang: float,
 ) -> None:  # pragma: no cover - compiled
-    """Add ``n`` heights of a map's cell to a cell of the window; a NaN in ``pose`` makes that of the cell
-    unknown.
+    """Add ``n`` heights of a map's cell, which covers the fraction ``area``, to a cell of the window.
+
+    ``squares`` is added to the sum of the squared numbers of heights. A NaN in ``pose`` makes that of the
+    cell unknown.
     """
+    sums[row, col, COUNT_SQUARES] += squares
+    sums[row, col, AREA_SUM] += n * area
     sums[row, col, POSE_VARIANCE_SUM] += n * pose
     if math.isfinite(intensity):
         sums[row, col, INTENSITY_SUM] += n * intensity
@@ -105,8 +113,16 @@ def fill_auxiliary(
             # Over a cell of edge r a slope s has the variance (s r)^2 / 12 along each axis; neighbours differ
             # by s r.
             ground = (typical if math.isnan(squares[i]) else squares[i]) * (2.0 / 12.0)
-            spread = max(m2[i] / n - pose, 0.0) + ground
-            out[0, i], out[1, i] = pose, pose + spread / max(n, 1.0)
+            heights = max(m2[i] / n - pose, 0.0)
+            area, clusters, between = 1.0, 0.0, heights
+            if sums[i, COUNT_SQUARES] > 0.0:
+                area = sums[i, AREA_SUM] / n
+                squared_fractions = min(sums[i, COUNT_SQUARES] / (n * n), 1.0)
+                clusters = max(squared_fractions - area, 0.0)
+                # The variance about the mean of few clusters is too small by this factor.
+                between = heights / max(1.0 - squared_fractions, 0.5)
+            spread = (heights + area * ground) / max(n, 1.0) + max(between, ground) * clusters
+            out[0, i], out[1, i] = pose, pose + spread
             if math.isfinite(sums[i, FIRST_US]):
                 out[2, i] = (t1_us - sums[i, FIRST_US]) * 1e-6
         if sums[i, INTENSITY_COUNT] > 0.0:

@@ -159,7 +159,8 @@ def pool_layers(
             if len(sums):
                 first_us = first_us_of(t1, np.float64(first_ages[r, c]))
                 pose, overhang = np.float64(poses[r, c]), np.float64(overhangs[r, c])
-                pool_auxiliary(sums, row, col, n, pose, np.float64(intensities[r, c]), first_us, overhang)
+                intensity, area = np.float64(intensities[r, c]), 1.0 / (factor * factor)
+                pool_auxiliary(sums, row, col, n, n * n, area, pose, intensity, first_us, overhang)
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -224,6 +225,7 @@ def pool_resampled(
     """
     means, variances, lows, highs, counts, ages, poses, intensities, first_ages, overhangs = layers
     rows, cols = cells[0].shape
+    area = min(fine * fine / (coarse * coarse), 1.0)
     for r in range(means.shape[0]):
         for c in range(means.shape[1]):
             n, z = np.float64(counts[r, c]), np.float64(means[r, c])
@@ -258,7 +260,10 @@ def pool_resampled(
                         pose = np.float64(poses[r, c]) * vertical_scale * vertical_scale + pose_variance
                         overhang = height + (np.float64(overhangs[r, c]) - z) * vertical_scale
                         intensity = np.float64(intensities[r, c])
-                        pool_auxiliary(sums, row, col, 0.25 * n, pose, intensity, first_us, overhang)
+                        squares = 0.25 * n * n  # the four parts are one cluster
+                        pool_auxiliary(
+                            sums, row, col, 0.25 * n, squares, area, pose, intensity, first_us, overhang
+                        )
 
 
 @njit(cache=True, nogil=True)

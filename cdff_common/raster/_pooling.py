@@ -21,7 +21,7 @@ _NO_COVARIANCE: NDArray[np.float64] = np.zeros((6, 6))
 #: Empty auxiliary layers, read-only as the layers of messages, and sums of cells without these.
 _NO_LAYER = np.zeros((0, 0), np.float32)
 _NO_LAYER.setflags(write=False)
-_NO_SUMS: NDArray[np.float64] = np.zeros((0, 0, 5))
+_NO_SUMS: NDArray[np.float64] = np.zeros((0, 0, 7))
 #: Arrays of ``CellStatistics``.
 _STATISTICS = ("count", "mean", "m2", "minimum", "maximum", "newest_ns")
 

@@ -26,11 +26,11 @@ Grid = NDArray[np.float64]
 
 #: Layers that are pooled; ``error_variance`` is computed from them and the statistics of the heights.
 POOLED_LAYERS = ("pose_variance", "intensity", "first_age_s", "overhang_m")
-#: Index of each pooled statistic in ``AuxiliaryLayers.sums``. The first three add up, the others keep the
+#: Index of each pooled statistic in ``AuxiliaryLayers.sums``. The first five add up, the others keep the
 #: minimum.
-POSE_VARIANCE_SUM, INTENSITY_SUM, INTENSITY_COUNT, FIRST_US, OVERHANG_M = range(5)
-_ADDED, _MINIMA = slice(0, 3), slice(3, 5)
-_EMPTY = np.array([0.0, 0.0, 0.0, np.inf, np.inf])
+POSE_VARIANCE_SUM, INTENSITY_SUM, INTENSITY_COUNT, COUNT_SQUARES, AREA_SUM, FIRST_US, OVERHANG_M = range(7)
+_ADDED, _MINIMA = slice(0, 5), slice(5, 7)
+_EMPTY = np.array([0.0, 0.0, 0.0, 0.0, 0.0, np.inf, np.inf])
 
 
 @dataclass(slots=True, eq=False)
@@ -40,9 +40,11 @@ class AuxiliaryLayers:
     Attributes
     ----------
     geometry : GridGeometry
-    sums : Grid, shape (rows, cols, 5)
+    sums : Grid, shape (rows, cols, 7)
         ``POSE_VARIANCE_SUM`` sum of the variances that the poses add to the heights, m2, NaN if that of any
         height is unknown; ``INTENSITY_SUM`` and ``INTENSITY_COUNT`` sum and number of the known intensities;
+        ``COUNT_SQUARES`` sum of the squared numbers of heights of the cells of the maps, and ``AREA_SUM`` sum
+        of their numbers of heights, each multiplied by the fraction of this cell that the map's cell covers;
         ``FIRST_US`` stamp of the oldest measurement, us, +inf if there is none, -inf if it is unknown;
         ``OVERHANG_M`` lowest height of an overhang, +inf if there is none.
     """
@@ -78,12 +80,17 @@ class AuxiliaryLayers:
             intensity = dem.layer("intensity").astype(np.float64)
             sums[..., INTENSITY_COUNT] = np.where(np.isfinite(intensity), count, 0.0)
             sums[..., INTENSITY_SUM] = np.nan_to_num(intensity) * sums[..., INTENSITY_COUNT]
+        result.set_counts(count)
         age = dem.layer("first_age_s" if "first_age_s" in names else "age_s").astype(np.float64)
         sums[..., FIRST_US] = np.where(np.isfinite(age), dem.t1_ns * 1e-3 - age * 1e6, np.inf)
         if "overhang_m" in names:
             overhang = dem.layer("overhang_m").astype(np.float64)
             sums[..., OVERHANG_M] = np.where(np.isfinite(overhang), overhang, np.inf)
         return result
+
+    def set_counts(self, count: Grid) -> None:
+        """Set the numbers of heights ``(rows, cols)`` of the cells of one map."""
+        self.sums[..., COUNT_SQUARES], self.sums[..., AREA_SUM] = count * count, count
 
     def add(self, other: AuxiliaryLayers) -> None:
         """Pool another grid of the same cells into this one; cells outside this grid are ignored."""
@@ -115,6 +122,7 @@ class AuxiliaryLayers:
         row = (np.arange(self.geometry.rows) + down)[:, None] // factor
         col = (np.arange(self.geometry.cols) + right)[None, :] // factor
         np.add.at(result.sums[..., _ADDED], (row, col), self.sums[..., _ADDED])
+        result.sums[..., AREA_SUM] /= factor * factor
         np.minimum.at(result.sums[..., _MINIMA], (row, col), self.sums[..., _MINIMA])
         return result
 
@@ -127,7 +135,13 @@ class AuxiliaryLayers:
 
         The pose part of ``error_variance`` is common to all heights of a cell and does not decrease with
         their number. The remaining part decreases: the variance of the heights with their noise, and that of
-        the relief within the cell, estimated by a plane through the neighbouring cells.
+        the relief within the cells of the maps, estimated by a plane through the neighbouring cells.
+
+        The heights of a cell that is larger than those of the maps are a sample of clusters of different
+        sizes, because the scan lines of a lidar cross only some of the maps' cells. The variance of their
+        mean is that of the relief times ``sum(w^2) - a``, where w are the fractions of the heights in each of
+        the maps' cells and a is the fraction of the cell that one of these covers (cluster sampling from a
+        finite population: W. G. Cochran, Sampling Techniques, 3rd edition, 1977, chapters 2 and 9A).
         """
         from cdff_common.raster._auxiliary_kernels import fill_auxiliary, relief
 

@@ -22,6 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdff_common.raster.auxiliary_layers import (
+    AREA_SUM,
+    COUNT_SQUARES,
     FIRST_US,
     INTENSITY_COUNT,
     INTENSITY_SUM,
@@ -225,6 +227,10 @@ def _fused_auxiliary(
     pose = pose_sum / np.where(is_used, counts, 1.0) + added
     weighted = np.where(is_used, share**2 * pose, 0.0).sum(axis=0) * count
     result.sums[..., POSE_VARIANCE_SUM] = np.where(unknown, pose_sum.sum(axis=0), weighted)
+    numbers = np.where(is_used, counts, 1.0)
+    squares = np.where(is_used, share**2 * sums[..., COUNT_SQUARES] / numbers**2, 0.0).sum(axis=0)
+    area = np.where(is_used, share * sums[..., AREA_SUM] / numbers, 0.0).sum(axis=0)
+    result.sums[..., COUNT_SQUARES], result.sums[..., AREA_SUM] = squares * count**2, area * count
     for added_up in (INTENSITY_SUM, INTENSITY_COUNT):
         result.sums[..., added_up] = np.where(is_used, sums[..., added_up], 0.0).sum(axis=0)
     for lowest in (FIRST_US, OVERHANG_M):

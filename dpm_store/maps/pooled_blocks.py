@@ -39,7 +39,7 @@ CACHE_BYTES, WINDOW_BYTES = 48 << 20, 40 << 20
 #: Windows with more patches than this are not pooled in blocks, which have more patches than the window.
 MAX_PATCHES = 4_000
 #: Bytes of a cell: height statistics, their auxiliary layers, and the same again if the newest are kept.
-_CELL_BYTES, _NEWEST_CELL_BYTES = 96, 88
+_CELL_BYTES, _NEWEST_CELL_BYTES = 112, 104
 #: Blocks that no window has used for longer than this are dropped, seconds.
 IDLE_S = 8.0
 #: Longest wait of a window for others that pool the same blocks, seconds.

@@ -30,7 +30,7 @@ from dpm_store.payloads.seekable import compress, read_frames
 
 CHUNK_BYTES = 1 << 18
 #: A payload is stored compressed if this makes it smaller than the fraction.
-WORTHWHILE = 0.9
+WORTHWHILE = 0.5
 #: Number of files whose content is not compared again while they are unchanged.
 _REMEMBERED = 64
 #: Errors of a full disk.
@@ -98,8 +98,15 @@ class BlobFiles:
             raise InputError(f"digest {sha256[:80]!r}: expected 64 hexadecimal digits")
         return self._directory / sha256[:2] / sha256[2:]
 
-    def write(self, sha256: str, payload: bytes) -> None:
+    def write(self, sha256: str, payload: bytes, sums: bytes) -> None:
         """Make the payload durable under its digest; an existing file is replaced if it differs.
+
+        Parameters
+        ----------
+        sha256 : str
+        payload : bytes
+        sums : bytes
+            ``chunk_sums`` of the payload.
 
         Raises
         ------
@@ -110,7 +117,7 @@ class BlobFiles:
         try:
             if self._is_unchanged(sha256, target) and _make_durable(target):
                 return
-            content = stored_form(payload)
+            content = stored_form(payload, sums)
             if _has_content(target, content) and _make_durable(target):
                 self._remember(sha256, target)
                 return
@@ -157,22 +164,24 @@ class BlobFiles:
         """Return bytes of a payload after comparison of their chunks with the sums; raises StorageError."""
         first, last = chunk_range(offset, length)
         start, stop = first * CHUNK_BYTES, min(last * CHUNK_BYTES, size)
-        data = self._read_chunks(sha256, size, first, last, subject)
-        check_chunks(data, first, sums, subject)
+        data = self._read_chunks(sha256, size, sums, first, last, subject)
         return (
             data
             if (start, stop) == (offset, offset + length)
             else data[offset - start : offset - start + length]
         )
 
-    def _read_chunks(self, sha256: str, size: int, first: int, last: int, subject: str) -> bytes:
-        """Return the chunks ``first`` to ``last`` (exclusive) without a checksum; raises StorageError."""
+    def _read_chunks(self, sha256: str, size: int, sums: bytes, first: int, last: int, subject: str) -> bytes:
+        """Return the chunks ``first`` to ``last`` (exclusive) after a check; raises StorageError."""
         start, stop = first * CHUNK_BYTES, min(last * CHUNK_BYTES, size)
         try:
             file, stored = self._open(sha256, subject)
             with closing(file):
                 if stored < size:
-                    return read_frames(file, stored, size, first, last)
+                    data, is_checked = read_frames(file, stored, size, first, last, sums)
+                    if not is_checked:
+                        check_chunks(data, first, sums, subject)
+                    return data
                 file.seek(start)
                 data = file.read(stop - start)
         except OSError as error:
@@ -185,6 +194,7 @@ class BlobFiles:
             raise StorageError(
                 f"{subject}: payload file ends at byte {start + len(data)}, expected {size}; not served"
             )
+        check_chunks(data, first, sums, subject)
         return data
 
     def _open(self, sha256: str, subject: str) -> tuple[BinaryIO, int]:
@@ -237,9 +247,9 @@ class BlobFiles:
             return False
 
 
-def stored_form(payload: bytes) -> bytes:
-    """Return the content of the file of a payload: compressed, or the payload itself."""
-    compressed = compress(payload, CHUNK_BYTES)
+def stored_form(payload: bytes, sums: bytes) -> bytes:
+    """Return the content of the file of a payload with its ``chunk_sums``: compressed, or as it is."""
+    compressed = compress(payload, CHUNK_BYTES, sums)
     return compressed if len(compressed) < WORTHWHILE * len(payload) else payload
 
 

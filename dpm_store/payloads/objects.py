@@ -34,15 +34,17 @@ class ObjectFiles(BlobFiles):
         self._lock = threading.Lock()
         self._damaged: set[str] = set()
 
-    def write(self, sha256: str, payload: bytes) -> None:
+    def write(self, sha256: str, payload: bytes, sums: bytes) -> None:
         """Store the payload under its digest; an object that was found damaged is replaced.
+
+        Parameters as for ``BlobFiles.write``.
 
         Raises
         ------
         StorageError
             If the object store fails.
         """
-        content, key = stored_form(payload), _key(sha256)
+        content, key = stored_form(payload, sums), _key(sha256)
         is_damaged = sha256 in self._damaged
         if not is_damaged and self._store.size(key) == len(content):
             return

@@ -117,7 +117,7 @@ class Payloads:
         packed: dict[str, bytes] = {}
         for sha256, content in contents.items():
             if len(content.payload) > PACKED_BYTES:
-                self.files.write(sha256, content.payload)  # again only if it was removed or is damaged
+                self.files.write(sha256, *content)  # again only if it was removed or is damaged
             elif sha256 not in stored or not self._is_intact(stored[sha256], content):
                 packed[sha256] = content.payload
                 if sha256 in stored:

@@ -113,7 +113,7 @@ class Inserter:
         """Make durable the payloads that are stored in files."""
         for item in prepared:
             if not item.is_packed:
-                self._payloads.files.write(item.header.sha256 or "", item.product.payload)
+                self._payloads.files.write(item.header.sha256 or "", item.product.payload, item.chunk_sums)
 
     def _insert(self, connection: Connection, new: Sequence[PreparedProduct]) -> None:
         now_ns = self._clock.now_ns()

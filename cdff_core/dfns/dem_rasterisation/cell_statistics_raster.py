@@ -109,6 +109,7 @@ class CellStatisticsRaster(Interface[CellStatisticsRasterConfig]):
             height_variance_m2=_sum_variances(inputs.height_variance, inputs.noise_variance),
         )
         if auxiliary is not None:
+            auxiliary.set_counts(statistics.count)
             _fill_auxiliary_layers(auxiliary, cell, stamps, inputs)
         layers = statistics.to_layers(t1_ns)
         if auxiliary is not None:

@@ -19,7 +19,7 @@ from cdff_common.clock import ManualClock
 from cdff_common.errors import StorageError
 from dpm_store import Insertion, Query, Rule, Store, open_store
 from dpm_store.engine import schema
-from dpm_store.payloads.blobs import CHUNK_BYTES, BlobFiles, digest
+from dpm_store.payloads.blobs import CHUNK_BYTES, BlobFiles, chunk_sums, digest
 from dpm_store.payloads.packs import location_range, pack_of
 from dpm_store.payloads.payloads import PACKED_BYTES
 from tests.kill_dpm import campaign
@@ -209,8 +209,8 @@ def test_a_payload_whose_folder_could_not_be_synced_is_synced_the_next_time(
 
     monkeypatch.setattr(os, "fsync", fsync)
     with pytest.raises(StorageError, match="the disk failed"):
-        files.write(digest(payload), payload)
+        files.write(digest(payload), payload, chunk_sums(payload))
     broken = False
     synced.clear()
-    files.write(digest(payload), payload)
+    files.write(digest(payload), payload, chunk_sums(payload))
     assert synced == [files.path(digest(payload)), folder]

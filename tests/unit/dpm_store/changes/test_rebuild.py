@@ -19,7 +19,7 @@ from cdff_common.geometry import UncertainTransform
 from cdff_common.interfaces.product import Header, product_id
 from dpm_store import NewProduct, Query, Store, open_store
 from dpm_store.changes.rebuild import rebuild
-from dpm_store.payloads.blobs import digest
+from dpm_store.payloads.blobs import chunk_sums, digest
 
 S = 1_000_000_000
 DATABASE = ("store.sqlite", "store.sqlite-wal", "store.sqlite-shm")
@@ -212,7 +212,7 @@ def test_a_new_database_over_payloads_that_nothing_names_collects_none_of_them(f
 
 def test_the_payload_of_an_interrupted_insertion_is_collected(store: Store) -> None:
     files, payload = store._payloads.files, b"x" * 50_000
-    files.write(digest(payload), payload)
+    files.write(digest(payload), payload, chunk_sums(payload))
     assert [name for page in files.names() for name in page] == [digest(payload)]
     assert (store.unnamed_payloads().files, store.verify()) == (1, ())
     store.collect()

@@ -95,7 +95,7 @@ def test_a_payload_that_is_collected_during_an_insertion_is_written_again(
 ) -> None:
     files, payload = BlobFiles(tmp_path / "blobs"), bytes(40_000)
     digest = hashlib.sha256(payload).hexdigest()
-    files.write(digest, payload)
+    files.write(digest, payload, chunk_sums(payload))
     if not is_remembered:
         files = BlobFiles(tmp_path / "blobs")
     owner, name = (files, "_is_unchanged") if is_remembered else (blobs, "_has_content")
@@ -109,7 +109,7 @@ def test_a_payload_that_is_collected_during_an_insertion_is_written_again(
         return has_content
 
     monkeypatch.setattr(owner, name, collected_after)
-    files.write(digest, payload)
+    files.write(digest, payload, chunk_sums(payload))
     assert files.read(digest, len(payload), chunk_sums(payload), 0, len(payload), "payload") == payload
 
 
@@ -120,6 +120,6 @@ def test_a_payload_written_before_files_were_compressed_is_read(tmp_path: Path) 
     files.path(digest).write_bytes(payload)
     sums = chunk_sums(payload)
     assert files.read(digest, len(payload), sums, CHUNK_BYTES, 10, "payload") == bytes(10)
-    files.write(digest, payload)
+    files.write(digest, payload, chunk_sums(payload))
     assert files.path(digest).stat().st_size < 200
     assert files.read(digest, len(payload), sums, 0, len(payload), "payload") == payload

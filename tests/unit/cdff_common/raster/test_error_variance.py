@@ -1,0 +1,117 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Stated errors of heights in cells that are larger than those of the map."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cdff_common.raster import CellStatistics, GridGeometry
+from cdff_common.raster.auxiliary_layers import POSE_VARIANCE_SUM, AuxiliaryLayers
+from cdff_common.raster.mosaic import Mosaic
+from cdff_common.raster.resample import aggregate
+
+FINE_M = 0.1
+RANGE_SIGMA_M = 0.02
+
+
+def fine_map(points_m: np.ndarray, grid: GridGeometry) -> tuple[CellStatistics, AuxiliaryLayers]:
+    """Return the statistics of points ``(n, 3)`` with range noise."""
+    stamps, variance = np.zeros(1, np.int64), np.full(len(points_m), RANGE_SIGMA_M**2)
+    statistics = CellStatistics.from_points(grid, points_m, stamps_ns=stamps, height_variance_m2=variance)
+    auxiliary = AuxiliaryLayers.empty(grid)
+    auxiliary.set_counts(statistics.count)
+    return statistics, auxiliary
+
+
+def stated_variance(fine: tuple[CellStatistics, AuxiliaryLayers], factor: int) -> np.ndarray:
+    """Return the layer ``error_variance`` in larger cells."""
+    statistics, auxiliary = fine
+    return auxiliary.coarsened(factor).to_layers(aggregate(statistics, factor), 0)["error_variance"]
+
+
+@pytest.mark.parametrize("observed", [0.1, 0.5, 1.0])
+@pytest.mark.parametrize("window", ["coarsened", "mosaic"])
+def test_the_error_of_heights_sampled_in_clusters_is_stated(
+    rng: np.random.Generator, observed: float, window: str
+) -> None:
+    """Each cell of the map has its own height; the numbers of heights in the observed cells differ."""
+    fine, factor = GridGeometry.aligned("site", 0.1, (0.0, 0.0, 40.0, 40.0)), 8
+    truth = rng.normal(0.0, 0.1, fine.shape)
+    count = np.where(rng.random(fine.shape) < observed, rng.integers(1, 30, fine.shape), 0).astype(float)
+    noise = 0.02 / np.sqrt(np.maximum(count, 1.0)) * rng.normal(size=fine.shape)
+    mean = np.where(count > 0, truth + noise, 0.0)
+    m2 = count * 0.02**2
+    statistics = CellStatistics(fine, count, mean, m2, mean, mean, np.zeros(fine.shape, np.int64))
+    auxiliary = AuxiliaryLayers.empty(fine)
+    auxiliary.set_counts(count)
+    coarse = aggregate(statistics, factor)
+    if window == "coarsened":
+        stated = stated_variance((statistics, auxiliary), factor)
+    else:
+        layers = statistics.to_layers(0) | auxiliary.to_layers(statistics, 0)
+        mosaic = Mosaic(coarse.geometry, auxiliary=True)
+        mosaic.add(fine, layers, 0)
+        stated = mosaic.assembled().to_layers(0)["error_variance"]
+    blocks = truth.reshape(coarse.geometry.rows, factor, -1, factor).mean(axis=(1, 3))
+    error = (coarse.mean - blocks)[coarse.count > 0]
+    ratio = np.sqrt(np.mean(error**2) / np.mean(stated[coarse.count > 0]))
+    print(f"{observed:.0%} of the cells observed, {window}: error / stated standard deviation = {ratio:.2f}")
+    assert 0.7 < ratio < 1.15
+
+
+def test_a_cell_of_the_map_itself_has_no_sampling_error_between_cells() -> None:
+    grid = GridGeometry.aligned("site", 0.1, (0.0, 0.0, 1.0, 1.0))
+    count, mean = np.full(grid.shape, 4.0), np.zeros(grid.shape)
+    statistics = CellStatistics(grid, count, mean, count * 0.01, mean, mean, np.zeros(grid.shape, np.int64))
+    auxiliary = AuxiliaryLayers.empty(grid)
+    auxiliary.sums[..., POSE_VARIANCE_SUM] = count * 0.002
+    unset = auxiliary.to_layers(statistics, 0)["error_variance"]
+    auxiliary.set_counts(count)
+    np.testing.assert_array_equal(auxiliary.to_layers(statistics, 0)["error_variance"], unset)
+    np.testing.assert_allclose(unset, 0.002 + 0.008 / 4.0, rtol=1e-6)
+
+
+@pytest.mark.parametrize("scan", ["000000", "000002", "000094"])
+@pytest.mark.parametrize("factor", [5, 10, 20])
+def test_errors_of_a_real_lidar_with_few_scan_lines_agree_with_its_other_lines(
+    real_data: Callable[[str], Path], scan: str, factor: int
+) -> None:
+    """A quarter of the scan lines makes the map; the heights of the other lines are the reference.
+
+    The heights of the lines of this lidar differ by up to some centimetres, which the error does not contain.
+    """
+    points = np.fromfile(real_data(f"kitti_velodyne/{scan}.bin"), np.float32).reshape(-1, 4)[:, :3]
+    points = points[np.hypot(points[:, 0], points[:, 1]) < 20.0].astype(np.float64)
+    grid = GridGeometry.aligned("site", FINE_M, (-20.0, -20.0, 20.0, 20.0))
+    lowest = np.full((41, 41), np.inf)
+    square = tuple((np.floor(points[:, :2]) + 20).astype(np.int64).T)
+    np.minimum.at(lowest, square, points[:, 2])
+    points = points[points[:, 2] < lowest[square] + 0.3]
+    elevation_deg = np.degrees(np.arctan2(points[:, 2], np.hypot(points[:, 0], points[:, 1])))
+    is_mapped = np.floor((elevation_deg + 25.0) / 0.42).astype(np.int64) % 4 == 1
+    fine = fine_map(points[is_mapped], grid)
+    coarse, stated = aggregate(fine[0], factor), stated_variance(fine, factor)
+    reference = fine_map(points[~is_mapped], grid)[0]
+    others, covered = aggregate(reference, factor), fraction_in_blocks(reference.count > 0, factor)
+    use = (coarse.count > 0) & (others.count >= 20) & (covered > 0.3)
+    error, reference_variance = (coarse.mean - others.mean)[use], (others.m2[use] / others.count[use] ** 2)
+    independent = coarse.m2[use] / coarse.count[use] ** 2
+    ratio = np.sqrt(np.mean(error**2 / (stated[use] + reference_variance)))
+    ratio_independent = np.sqrt(np.mean(error**2 / (independent + reference_variance)))
+    print(
+        f"scan {scan}, {use.sum()} cells of {factor * FINE_M:.1f} m: error / stated standard deviation = "
+        f"{ratio:.2f}; if all heights were independent {ratio_independent:.2f}"
+    )
+    assert 0.7 < ratio < 2.6
+    assert ratio < ratio_independent
+
+
+def fraction_in_blocks(mask: np.ndarray, factor: int) -> np.ndarray:
+    """Return the fraction of the cells of a mask in each larger cell."""
+    rows, cols = mask.shape
+    return mask.reshape(rows // factor, factor, cols // factor, factor).mean(axis=(1, 3))
