@@ -2,6 +2,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Detect the satellite Tango in single photographs with target_detection and default parameters.
 
+The thresholds of the background were chosen on these photographs: the results are not those of an independent
+test.
+
 The images are those of ``speedplus_lightbox``: a mock-up in hard light, often with the Earth behind it.
 *Localised*: the centre of the first pose is within 0.25 m across the line of sight, its range within 20 %.
 *Right*: the rotation is within 5 degrees and the position within 5 % of the range. A wrong first pose is
@@ -10,71 +13,45 @@ The images are those of ``speedplus_lightbox``: a mock-up in hard light, often w
 
 from __future__ import annotations
 
-import csv
-import json
 import statistics
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from cdff_common.arrays import FloatArray
-from cdff_common.formats.meshes.read import read_mesh
 from cdff_common.geometry import se3
 from cdff_common.interfaces.dfpc import Sample
 from cdff_common.interfaces.registry import Registry
-from cdff_common.types import Frame, Mesh
+from evaluation.scenes.spacecraft_images import photographs, tango_model
 
-FOLDER = "speedplus_lightbox"
 #: Limits: across the line of sight, metres; of the range; of the rotation; of the position per range.
 LOCALISED_M, LOCALISED_RANGE, RIGHT_DEG, RIGHT_POSITION = 0.25, 0.2, 5.0, 0.05
 
 
 def evaluate(data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
     """Return the result of each image and their summary."""
-    folder = data / FOLDER
-    camera = json.loads((folder / "camera.json").read_text(encoding="utf-8"))
-    with (folder / "truth.csv").open(encoding="utf-8") as file:
-        truths = list(csv.DictReader(file))
-    arrays = read_mesh(folder / "tango.ply")
+    model = tango_model(data)
     dfpc = Registry.default().make_dfpc("target_detection")
     dfpc.configure({})
-    mesh = Mesh.from_arrays(arrays.vertices, arrays.triangles, frame="tango/body", stamp_ns=0)
-    list(dfpc.step(Sample("model", 0, 0, mesh, id="model")))
-    middle_m = 0.5 * (arrays.vertices.min(axis=0) + arrays.vertices.max(axis=0))
+    list(dfpc.step(model))
+    vertices_m = model.value.data.vertices
+    middle_m = 0.5 * (vertices_m.min(axis=0) + vertices_m.max(axis=0))
     rows = []
-    for k, truth in enumerate(truths):
-        image = cv2.imread(str(folder / "images" / truth["image"]), cv2.IMREAD_GRAYSCALE)
-        frame = Frame.from_image(
-            image,
-            stamp_ns=1000 * (k + 1),
-            mode="GRAY",
-            sensor="camera",
-            camera_matrix=camera["cameraMatrix"],
-            dist_coeffs=np.ravel(camera["distCoeffs"]),
-        )
+    for k, (name, frame, T_true) in enumerate(photographs(data)):
         start_s = time.process_time()
-        (output,) = dfpc.step(Sample("image", 1000 * (k + 1), k, frame, id=truth["image"]))
-        row = {"image": truth["image"], "status": str(output.quality.status)}
+        (output,) = dfpc.step(Sample("image", frame.stamp_ns, k, frame, id=name))
+        row = {"image": name, "status": str(output.quality.status)}
         row |= {"reasons": list(output.quality.reasons), "cpu_s": round(time.process_time() - start_s, 2)}
         if output.value is not None:
-            T_true = _true_pose(truth)
             errors = [_errors(d.pose.transform.matrix, T_true, middle_m) for d in output.value.detections]
             row |= {"errors": errors, "localised": _is_localised(errors[0])}
             row |= {"right": [_is_right(error) for error in errors]}
         rows.append(row)
         progress(f"target_detection_images: {row}")
     return {"images": rows, "summary": summary(rows)}
-
-
-def _true_pose(truth: dict[str, str]) -> FloatArray:
-    """Return T_camera_body of a row of the truth."""
-    R = Rotation.from_quat([float(truth[name]) for name in ("qx", "qy", "qz", "qw")]).as_matrix()
-    return se3.transform(R, [float(truth[name]) for name in ("tx_m", "ty_m", "tz_m")])
 
 
 def _errors(T: FloatArray, T_true: FloatArray, middle_m: FloatArray) -> dict[str, float]:
@@ -124,5 +101,8 @@ def table(figures: dict[str, Any]) -> str:
             "|---|---|---|---|---|---|---|",
             f"| {s['images']} | {s['answered']} | {s['localised']} | {s['right_among_listed']} | "
             f"{s['right_first']} | {s['silent']} | {s['median_cpu_s']} |",
+            "| required | | 12 | 5 | 3 | 0 | 10 |",
+            "",
+            "The thresholds of the background were chosen on these images; no other images were tested.",
         ]
     )

@@ -7,7 +7,8 @@ frames 8 to 11 are black, or their right half is. ``depth``: the same with the d
 next to the grey one. ``file_camera``: the principal point is that of the camera file. Errors are those of all
 used images; errors of published predictions are separate. ``principal_point``: differences between the
 measured depth and that of the mesh at the true poses, for two principal points. ``comet``: photographs of
-comet 67P, with and without the direction to the Sun (``evaluation.scenes.comet_images``).
+comet 67P, with and without the direction to the Sun (``evaluation.scenes.comet_images``). ``spacecraft``:
+single photographs of a satellite mock-up, each from wrong starts (``evaluation.scenes.spacecraft_images``).
 """
 
 from __future__ import annotations
@@ -27,8 +28,9 @@ from cdff_common.interfaces.dfpc import Sample
 from cdff_common.interfaces.registry import Registry
 from cdff_common.types import DistanceImage, Frame, Mesh, Time, TransformWithCovariance
 from evaluation.scenes.comet_images import comet_rows, comet_summary, comet_table
+from evaluation.scenes.spacecraft_images import spacecraft_rows, spacecraft_summary, spacecraft_table
 
-PARTS = ("starts", "disturbed", "depth", "file_camera", "principal_point", "comet")
+PARTS = ("starts", "disturbed", "depth", "file_camera", "principal_point", "comet", "spacecraft")
 FOLDER, COMET = "visp_castle", "rosetta_67p"
 #: Camera of the files, px. Its origin is the corner of the first pixel, as ``principal_point`` shows; that of
 #: CDFF is the centre of the first pixel.
@@ -85,6 +87,8 @@ def evaluate(data: Path, progress: Callable[[str], None], parts: Sequence[str] =
             figures["comet"][name] = comet_summary(
                 [comet_rows(data / COMET, seed, **options) for seed in seeds]
             )
+    if "spacecraft" in parts:
+        figures["spacecraft"] = {"defaults": spacecraft_summary(spacecraft_rows(data, progress))}
     return figures
 
 
@@ -282,6 +286,8 @@ def table(figures: dict[str, Any]) -> str:
         lines += [f"| {name} | {value} |" for name, value in figures["principal_point"].items()]
     if "comet" in figures:
         lines += ["", *comet_table(figures["comet"])]
+    if "spacecraft" in figures:
+        lines += ["", *spacecraft_table(figures["spacecraft"])]
     return "\n".join(lines)
 
 

@@ -11,10 +11,12 @@ from numba import njit
 
 from cdff_common.arrays import FloatArray, IntArray
 from cdff_common.geometry.small_vectors import inverse_translation, transformed
-from cdff_core.object_models.rendering import Window
+from cdff_core.object_models.rendering import NO_FACE, Window, body_window, draw
 
 #: Vertices closer than this, relative to the extent of the mesh, are the same vertex.
 _SAME_VERTEX = 1e-5
+#: Least size of the window in which a mesh is drawn, px.
+_MIN_WINDOW = 8
 #: A surface hides a control point if it is in front of the point by more than this fraction of the depth of
 #: the point.
 _HIDDEN = 0.01
@@ -38,6 +40,23 @@ class MeshEdges(NamedTuple):
     is_sharp: np.ndarray
 
 
+class DrawnBody(NamedTuple):
+    """Rendering of a body in a part of an image.
+
+    Attributes
+    ----------
+    first_pixel : ndarray of int64, shape (2,)
+        Column and row of the first pixel of the part.
+    window : Window
+    inverse_depth : ndarray, shape (rows, columns)
+        1/m; 0 where there is no face.
+    """
+
+    first_pixel: IntArray
+    window: Window
+    inverse_depth: FloatArray
+
+
 def mesh_edges(vertices_m: FloatArray, triangles: IntArray, crease_rad: float) -> MeshEdges:
     """Return the edges of a mesh; those with an angle of at least ``crease_rad`` are sharp."""
     extent = float(np.ptp(vertices_m, axis=0).max())
@@ -59,6 +78,60 @@ def mesh_edges(vertices_m: FloatArray, triangles: IntArray, crease_rad: float) -
     cosine = np.einsum("ij,ij->i", edge_normals[:, 0], edge_normals[:, 1])
     is_sharp = (counts != 2) | (cosine < np.cos(crease_rad))
     return MeshEdges(vertices[pairs[starts]], edge_normals, is_sharp)
+
+
+def visible_edge_points(
+    edges: MeshEdges,
+    vertices_m: FloatArray,
+    triangles: IntArray,
+    T_camera_model: FloatArray,
+    camera: Window,
+    spacing_px: float,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the control points that are visible in the image of a camera.
+
+    Parameters
+    ----------
+    edges : MeshEdges
+        Those of the mesh.
+    vertices_m : ndarray, shape (n, 3)
+    triangles : ndarray of int64, shape (m, 3)
+    T_camera_model : ndarray, shape (4, 4)
+    camera : Window
+        The whole image, without lens distortion.
+    spacing_px : float
+        Distance of the points along an edge.
+
+    Returns
+    -------
+    points_m, pixels, normals
+        As those of ``control_points``, but pixels of the whole image; empty if less than 8 px of the mesh are
+        in the image.
+    """
+    drawn = drawn_body(vertices_m, triangles, T_camera_model, camera)
+    if drawn is None:
+        return np.zeros((0, 3)), np.zeros((0, 2)), np.zeros((0, 2))
+    points_m, pixels, normals = control_points(
+        edges, T_camera_model, drawn.window, drawn.inverse_depth, spacing_px
+    )
+    return points_m, pixels + drawn.first_pixel, normals
+
+
+def drawn_body(
+    vertices_m: FloatArray, triangles: IntArray, T_camera_model: FloatArray, camera: Window
+) -> DrawnBody | None:
+    """Return the rendering of a mesh (n, 3), (m, 3) at a pose (4, 4) in the part of the image that contains
+    it; None if this part has less than 8 rows or columns.
+    """
+    row, column, window = body_window(vertices_m, T_camera_model, camera)
+    if window.rows < _MIN_WINDOW or window.columns < _MIN_WINDOW:
+        return None
+    inverse_depth = np.zeros((window.rows, window.columns))
+    face = np.full((window.rows, window.columns), NO_FACE, np.int64)
+    vertices = np.ascontiguousarray(vertices_m, np.float64)
+    faces, T = np.ascontiguousarray(triangles, np.int64), np.ascontiguousarray(T_camera_model, np.float64)
+    draw(vertices, faces, T, window, inverse_depth, face, np.empty((len(vertices), 3)))
+    return DrawnBody(np.array([column, row]), window, inverse_depth)
 
 
 def control_points(

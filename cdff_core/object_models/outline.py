@@ -11,11 +11,8 @@ from numba import njit
 
 from cdff_common.arrays import ByteArray, FloatArray, IntArray
 from cdff_common.errors import InputError
-from cdff_core.object_models.mesh_edges import MeshEdges, control_points, mesh_edges
-from cdff_core.object_models.rendering import Window, body_window, draw
-
-#: Least size of the window in which the mesh is drawn, px.
-_MIN_WINDOW = 8
+from cdff_core.object_models.mesh_edges import MeshEdges, control_points, drawn_body, mesh_edges
+from cdff_core.object_models.rendering import Window
 
 
 class Outline(NamedTuple):
@@ -68,28 +65,17 @@ def outline(
     reach_px: float,
 ) -> Outline:
     """Return points on the outline of a mesh, ``spacing_px`` apart."""
-    row, column, window = body_window(vertices, T_camera_model, camera)
-    if window.rows < _MIN_WINDOW or window.columns < _MIN_WINDOW:
+    drawn = drawn_body(vertices, triangles, T_camera_model, camera)
+    if drawn is None:
         nothing, none = np.zeros((0, 2)), np.zeros(0)
         return Outline(np.zeros((0, 3)), nothing, nothing, none, none)
-    inverse_depth = np.zeros((window.rows, window.columns))
-    face = np.full((window.rows, window.columns), -1, np.int64)
-    vertices = np.ascontiguousarray(vertices, np.float64)
-    draw(
-        vertices,
-        np.ascontiguousarray(triangles, np.int64),
-        np.ascontiguousarray(T_camera_model, np.float64),
-        window,
-        inverse_depth,
-        face,
-        np.empty((len(vertices), 3)),
-    )
-    points, pixels, normals = control_points(edges, T_camera_model, window, inverse_depth, spacing_px)
+    inverse_depth = drawn.inverse_depth
+    points, pixels, normals = control_points(edges, T_camera_model, drawn.window, inverse_depth, spacing_px)
     inside, outside = _distances(inverse_depth, pixels, normals, reach_px)
     is_outline = (inside > 0.0) & (outside > 0.0)
     return Outline(
         points[is_outline],
-        pixels[is_outline] + np.array([column, row]),
+        pixels[is_outline] + drawn.first_pixel,
         normals[is_outline],
         inside[is_outline],
         outside[is_outline],

@@ -52,6 +52,17 @@ def register(nouns: Any) -> None:
     parser.add_argument(
         "--calibration", metavar="FILE", type=Path, help="calibration of the cameras, for logs without one"
     )
+    parser.add_argument(
+        "--model",
+        action="append",
+        default=[],
+        metavar="FILE",
+        help="mesh of a body (OBJ, PLY, STL, GLB, VRML), drawn at the poses of {name}/body and at detections, "
+        "and over the images; may be repeated",
+    )
+    parser.add_argument(
+        "--unit", choices=("m", "mm", "cm", "km"), default="m", help="unit of the meshes (default: m)"
+    )
     parser.set_defaults(run=_run)
 
 
@@ -73,6 +84,8 @@ def _run(args: argparse.Namespace) -> int:
         t1_ns=None if args.t1 is None else parse_stamp(args.t1, "--t1"),
         profile=None if args.profile is None else load_profile(args.profile),
         derived=args.derive or (),
+        models=tuple(args.model),
+        unit=args.unit,
     )
     if args.foxglove and not args.live:
         return _play(args, selection)

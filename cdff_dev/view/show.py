@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import heapq
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,7 +17,9 @@ from cdff_common.world.history import is_static
 from cdff_dev.logs.opened import opened
 from cdff_dev.logs.source import LogSample, LogSource
 from cdff_dev.view.derived import Deriver
+from cdff_dev.view.drawings import Layer
 from cdff_dev.view.feed import Contents, Feed, path_interval, sources_of
+from cdff_dev.view.models import ModelLayers
 from cdff_dev.view.outputs import Output
 
 
@@ -35,6 +37,10 @@ class Selection:
         Fixed frames of the robots.
     derived : collection of str
         ``disparity``, ``features``: to be computed from the images.
+    models : sequence of str
+        Files of meshes to be drawn at the poses of their frames.
+    unit : str
+        Unit of the meshes.
     """
 
     streams: Collection[str] | None = None
@@ -42,6 +48,8 @@ class Selection:
     t1_ns: int | None = None
     profile: Profile | None = None
     derived: Collection[str] = ()
+    models: Sequence[str] = ()
+    unit: str = "m"
 
     def of(self, log: LogSource) -> list[str]:
         """Return the selected streams of a log."""
@@ -77,7 +85,7 @@ def show_logs(output: Output, paths: Sequence[tuple[str, Path | None]], selectio
         feed = Feed(output.scene, sources, path_interval(max(info.count for info in infos)))
         samples = heapq.merge(*(log.samples(names) for log, names in chosen), key=_order)
         progress, count = Progress(n, "samples"), 0
-        deriver = Deriver(selection.derived)
+        deriver, models = Deriver(selection.derived), ModelLayers(selection.models, selection.unit)
         for sample in samples:
             progress.advance()
             if not selection.contains(sample.stamp_ns):
@@ -86,8 +94,10 @@ def show_logs(output: Output, paths: Sequence[tuple[str, Path | None]], selectio
                 _add_profile(feed, selection.profile, sample.stamp_ns)
                 for item in static:
                     feed.add(replace(item, stamp_ns=sample.stamp_ns))
+                _add_layers(feed, models.surfaces(), sample.stamp_ns)
             for item in (sample, *deriver.derived(sample)):
                 feed.add(item)
+            _add_layers(feed, models.layers_of(sample), sample.stamp_ns)
             count += 1
         progress.close()
         deriver.close()
@@ -103,6 +113,7 @@ def show_live(output: Output, connect: str | None, selection: Selection, duratio
     from cdff_dev.view.live import live_updates
 
     feed, deriver, count, arranged = Feed(output.scene), Deriver(selection.derived), 0, 0
+    models = ModelLayers(selection.models, selection.unit)
     try:
         for update in live_updates(connect, duration_s):
             if isinstance(update, tuple):
@@ -110,8 +121,10 @@ def show_live(output: Output, connect: str | None, selection: Selection, duratio
             elif selection.streams is None or update.stream in selection.streams:
                 if not count:
                     _add_profile(feed, selection.profile, update.stamp_ns)
+                    _add_layers(feed, models.surfaces(), update.stamp_ns)
                 for sample in (update, *deriver.derived(update)):
                     feed.add(sample)
+                _add_layers(feed, models.layers_of(update), update.stamp_ns)
                 count += 1
             if feed.contents.size > arranged:
                 arranged = feed.contents.size
@@ -161,6 +174,11 @@ def _first_samples(chosen: Sequence[tuple[LogSource, list[str]]]) -> list[LogSam
 def _order(sample: LogSample) -> tuple[int, str, int]:
     """Return the key by which samples of several logs are ordered."""
     return sample.stamp_ns, sample.stream, sample.seq
+
+
+def _add_layers(feed: Feed, layers: Iterable[Layer], stamp_ns: int) -> None:
+    for layer in layers:
+        feed.add_layer(stamp_ns, layer)
 
 
 def _add_profile(feed: Feed, profile: Profile | None, stamp_ns: int) -> None:

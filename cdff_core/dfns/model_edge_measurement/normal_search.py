@@ -14,11 +14,8 @@ from cdff_common.arrays import Float32Array, FloatArray
 from cdff_common.errors import InputError
 from cdff_common.interfaces.dfn import DfnConfig
 from cdff_core.dfns.model_edge_measurement.interface import Inputs, Interface, Outputs
-from cdff_core.object_models.mesh_edges import MeshEdges, control_points, mesh_edges
-from cdff_core.object_models.rendering import Window, body_window, draw
-
-#: Least size of the window in which the mesh is drawn, px.
-_MIN_WINDOW = 8
+from cdff_core.object_models.mesh_edges import MeshEdges, mesh_edges, visible_edge_points
+from cdff_core.object_models.rendering import Window
 
 
 class NormalSearchConfig(DfnConfig):
@@ -49,26 +46,17 @@ class NormalSearch(Interface[NormalSearchConfig]):
         edges = self._edges_of(inputs)
         K, T_camera_model = inputs.camera_matrix, np.ascontiguousarray(inputs.pose, np.float64)
         rows, columns = inputs.image.shape
-        camera = Window(K[0, 0], K[1, 1], K[0, 2], K[1, 2], rows, columns)
-        row, column, window = body_window(inputs.vertices, T_camera_model, camera)
-        cfg = self.config
-        if window.rows < _MIN_WINDOW or window.columns < _MIN_WINDOW:
+        cfg, camera = self.config, Window(K[0, 0], K[1, 1], K[0, 2], K[1, 2], rows, columns)
+        points, pixels, normals = visible_edge_points(
+            edges, inputs.vertices, inputs.triangles, T_camera_model, camera, cfg.spacing_px
+        )
+        if not len(points):
             nothing = np.zeros((0, 2))
             return Outputs(
-                points=np.zeros((0, 3)),
-                pixels=nothing,
-                normals=nothing,
-                offsets=np.zeros((0, cfg.hypotheses)),
+                points=points, pixels=nothing, normals=nothing, offsets=np.zeros((0, cfg.hypotheses))
             )
-        inverse_depth = np.zeros((window.rows, window.columns))
-        face = np.full((window.rows, window.columns), -1, np.int64)
-        vertices = np.ascontiguousarray(inputs.vertices, np.float64)
-        triangles = np.ascontiguousarray(inputs.triangles, np.int64)
-        draw(vertices, triangles, T_camera_model, window, inverse_depth, face, np.empty((len(vertices), 3)))
-        points, pixels, normals = control_points(edges, T_camera_model, window, inverse_depth, cfg.spacing_px)
-        step = -(-len(points) // cfg.max_points) if len(points) else 1
-        points, normals = points[::step], normals[::step]
-        pixels = pixels[::step] + np.array([column, row])
+        step = -(-len(points) // cfg.max_points)
+        points, pixels, normals = points[::step], pixels[::step], normals[::step]
         min_contrast = cfg.contrast * max(float(np.ptp(inputs.image)), 1e-30)
         offsets = search(inputs.image, pixels, normals, inputs.range_px, cfg.hypotheses, min_contrast)
         return Outputs(points=points, pixels=pixels, normals=normals, offsets=offsets)
