@@ -89,7 +89,7 @@ def _answers(views: Iterator[View], progress: Callable[[str], None]) -> list[tup
         progress(f"shot_localisation_real: {view.name}")
         answers: dict[str, Answer] = {"cdff": _cdff(view), "fpfh_ransac": fpfh_ransac(view)}
         if python:
-            answers["kiss_matcher"] = kiss_matcher_answer(python, view)
+            answers["kiss_matcher"] = _kiss_matcher(python, view)
         results.append((view, answers))
     return results
 
@@ -188,7 +188,7 @@ def fpfh_ransac(view: View) -> Answer:
     return np.asarray(fine.transformation), time.process_time() - started, ()
 
 
-def kiss_matcher_answer(python: str, view: View) -> Answer:
+def _kiss_matcher(python: str, view: View) -> Answer:
     """Return the pose of KISS-Matcher; the clouds are scaled so that its voxels fit the model."""
     from evaluation.peers.environments import PEER_VOXEL_M
 

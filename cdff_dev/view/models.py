@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Meshes of bodies at their estimated poses: as surfaces, and as visible edges over the images of a camera."""
+"""Meshes of bodies at their estimated poses: surfaces, and visible edges over the images of a camera."""
 
 from __future__ import annotations
 

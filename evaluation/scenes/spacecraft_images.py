@@ -153,8 +153,8 @@ def spacecraft_table(figures: Mapping[str, Any]) -> list[str]:
     ]
     for name, row in figures.items():
         lines.append(
-            f"| {name} | {row['right_median']:g} of {row['images']} | {row['right_and_ok']} of {row['right']} "
-            f"| {row['far_flagged']} of {row['far']} | {row['worse_flagged']} of {row['worse']} | "
-            f"{row['median_cpu_ms']} |"
+            f"| {name} | {row['right_median']:g} of {row['images']} | "
+            f"{row['right_and_ok']} of {row['right']} | {row['far_flagged']} of {row['far']} | "
+            f"{row['worse_flagged']} of {row['worse']} | {row['median_cpu_ms']} |"
         )
     return lines
