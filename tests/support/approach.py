@@ -62,7 +62,7 @@ def run_approach(name: str) -> Iterator[Approach]:
     log = simulated_log(load_any_scenario(str(script.scenario)))
     with (
         Stage(load_profile(path), path, connect, http) as stage,
-        Bus.open(connect, name="test", wait_s=20) as bus,
+        Bus.open(connect, name="test", wait_s=60) as bus,
     ):
         stage.wait_ready(bus)
         for model, mesh in script.models.items():
