@@ -95,6 +95,11 @@ def dpm_product(scope: str, product_id: str) -> str:
     return f"{PREFIX}/{_chunk('scope', scope)}/dpm/product/{product_id}"
 
 
+def contact(scope: str, direction: str) -> str:
+    """Return the key of the packets between a robot and the ground: ``down`` from the robot, ``up`` to it."""
+    return f"{PREFIX}/{_chunk('scope', scope)}/contact/{_chunk('direction', direction)}"
+
+
 def gateway_status(robot: str, gateway: str) -> str:
     """Return the key of the counters of a gateway, by topic; cached for late joiners."""
     return f"{PREFIX}/{_chunk('robot', robot)}/gateway/{_chunk('gateway', gateway)}/status"

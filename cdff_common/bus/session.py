@@ -50,6 +50,19 @@ def _config(mode: str, settings: Mapping[str, object]) -> zenoh.Config:
     return config
 
 
+def contact_config(address: str, settings: Mapping[str, object], identity: Identity | None) -> zenoh.Config:
+    """Return the configuration of a session between a robot and the ground; with an identity only over TLS.
+
+    Raises
+    ------
+    ConfigurationError
+        If the endpoint and the identity do not fit.
+    """
+    check_endpoint(address, is_secure=identity is not None)
+    secure = {} if identity is None else identity.settings(listens="listen/exit_on_failure" in settings)
+    return _config("peer", {**secure, **settings})
+
+
 def endpoint(connect: str | None = None) -> str:
     """Return the router endpoint: the argument, else ``CDFF_CONNECT``, else the loopback default."""
     default = SECURE_ENDPOINT if os.environ.get(VARIABLE) else DEFAULT_ENDPOINT

@@ -478,6 +478,18 @@ class FaultParameters(RobotParameters):
     lost: str = ""
 
 
+class ContactParameters(Parameters):
+    """Parameters of ``dpm/@rpc/contact``."""
+
+    what: Literal["status", "estimate", "requests"] = Field("status", description="What to return")
+    robot: Robot | None = Field(None, description="Robot of the estimate or the request")
+    id: str | None = Field(None, pattern=rf"^{REQUEST_ID}$", description="Request to return or to keep")
+    expires_s: Annotated[Number, Field(gt=0)] | None = Field(
+        None, description="Time until a kept request expires, default a day"
+    )
+    limit: Annotated[Whole, Field(ge=1, le=1000)] = Field(1000, description="Largest number of items")
+
+
 class RequestParameters(Parameters):
     """Parameters of a request to the orchestrator."""
 

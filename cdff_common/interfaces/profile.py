@@ -383,6 +383,24 @@ class History(StrictModel):
     keep_s: PositiveFloat | None = None
 
 
+class Exchange(StrictModel):
+    """Exchange of products with the ground over a link with contact windows.
+
+    Attributes
+    ----------
+    urgent : tuple of str
+        Product types that are sent first, after alarms and other events.
+    small_bytes : int
+        Products up to this size follow; larger ones are last.
+    budget_bit_s : float or None
+        Largest rate, bit/s; None for that of the window.
+    """
+
+    urgent: tuple[str, ...] = ("pose",)
+    small_bytes: Annotated[int, Field(ge=0, le=1 << 30)] = 1 << 16
+    budget_bit_s: PositiveFloat | None = None
+
+
 class Retention(StrictModel):
     """Retention rule for the products of a type; types without a rule are kept.
 
@@ -462,6 +480,8 @@ class Profile(StrictModel):
     merging : MergingConfig or None
         Merging of the maps of several robots (``services.map_merging``). All its fields are optional; omit
         the section to disable merging.
+    exchange : Exchange
+        Order and rate of the products that a robot sends to the ground in contact windows.
     clock : str
         Name of the only identity that may publish the mission clock on a secured bus.
     sign : bool
@@ -480,6 +500,7 @@ class Profile(StrictModel):
     history: tuple[History, ...] = ()
     threads_per_process: Annotated[int, Field(ge=1, le=64)] = 1
     merging: MergingConfig | None = None
+    exchange: Exchange = Exchange()
     clock: Name = "player"
     sign: bool = False
     orchestration: Literal["ground", "robots"] = "ground"

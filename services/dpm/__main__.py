@@ -7,11 +7,12 @@ from __future__ import annotations
 import logging
 import os
 import threading
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import closing, contextmanager
 
 from cdff_common.bus import Bus, keys
 from cdff_common.heartbeat import add_check
-from cdff_common.interfaces.profile import Profile, load_profile
+from cdff_common.interfaces.profile import Exchange, Profile, load_profile
 from cdff_common.mission_clock import MissionClock
 from cdff_common.process import run_service
 from dpm_store import Store, open_store
@@ -74,7 +75,8 @@ def run(arguments: Sequence[str] | None, stop: threading.Event) -> None:
             warming = threading.Thread(target=_warm, name="warm", daemon=True)
             warming.start()
             conditions = ConditionMonitor(dpm, () if recorder is None else (recorder.store_waiting,))
-            stop.wait()
+            with _exchange(bus, dpm, settings, profile):
+                stop.wait()
             if roster is not None:
                 roster.close()
             conditions.close()
@@ -85,6 +87,20 @@ def run(arguments: Sequence[str] | None, stop: threading.Event) -> None:
     if warming.is_alive():  # a compiler cannot be interrupted
         logging.shutdown()
         os._exit(0)
+
+
+@contextmanager
+def _exchange(bus: Bus, dpm: Dpm, settings: Settings, profile: Profile | None) -> Iterator[None]:
+    """Exchange products over a link with contact windows inside the block, if there is a contact plan."""
+    if settings.contact_plan is None:
+        yield
+        return
+    from services.contact.service import start_exchange
+
+    order = Exchange() if profile is None else profile.exchange
+    link = (settings.contact_plan, settings.contact_link, settings.contact_robot)
+    with closing(start_exchange(bus, dpm, *link, order)):
+        yield
 
 
 def served_robots(profile: Profile | None, store: Store) -> tuple[str, ...]:

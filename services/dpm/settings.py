@@ -17,6 +17,8 @@ from cdff_common.errors import ConfigurationError
 from cdff_common.process import data_dir_of
 
 DEFAULT_HTTP = "127.0.0.1:8080"
+#: Endpoint of the link between robots and the ground.
+DEFAULT_LINK = "udp/127.0.0.1:7449"
 #: Largest body of a request.
 DEFAULT_MAX_BODY_MB = 256
 
@@ -53,6 +55,10 @@ class Settings:
         Whether ``X-Forwarded-Prefix`` and ``X-Forwarded-Host`` are read.
     store : str
         URL of a database on a server; empty for the one in the data directory.
+    contact_plan : Path or None
+        Contact plan of the exchange between robots and the ground; None for no exchange.
+    contact_link, contact_robot : str, str or None
+        Zenoh endpoint of the link; the robot on which this process runs, None on the ground.
     """
 
     data_dir: Path
@@ -69,6 +75,9 @@ class Settings:
     root_path: str = ""
     behind_proxy: bool = False
     store: str = ""
+    contact_plan: Path | None = None
+    contact_link: str = DEFAULT_LINK
+    contact_robot: str | None = None
 
     @property
     def store_url(self) -> str:
@@ -140,6 +149,17 @@ def parse_settings(arguments: Sequence[str] | None, environment: Mapping[str, st
         help="read X-Forwarded-Prefix and X-Forwarded-Host, which only a proxy may send",
     )
     parser.add_argument(
+        "--contact-plan",
+        type=Path,
+        help="contact plan: exchange products with robots, or with the ground (--contact-robot)",
+    )
+    parser.add_argument(
+        "--contact-link",
+        default=DEFAULT_LINK,
+        help=f"Zenoh endpoint on which the ground listens, to which robots connect (default: {DEFAULT_LINK})",
+    )
+    parser.add_argument("--contact-robot", metavar="ID", help="the robot on which this process runs")
+    parser.add_argument(
         "--new",
         action="store_true",
         help="create an empty database although the directory has payloads of a missing one",
@@ -176,4 +196,7 @@ def parse_settings(arguments: Sequence[str] | None, environment: Mapping[str, st
         args.root_path,
         args.behind_proxy,
         args.store,
+        args.contact_plan,
+        args.contact_link,
+        args.contact_robot,
     )

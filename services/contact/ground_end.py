@@ -1,0 +1,229 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""The end of the ground: it stores what robots send, acknowledges it, and sends requests."""
+
+from __future__ import annotations
+
+import logging
+import queue
+import threading
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from cdff_common.bus import keys
+from cdff_common.bus.contact_session import ContactSession
+from cdff_common.clock import monotonic_s
+from cdff_common.errors import CdffError
+from cdff_common.interfaces.contact_plan import ContactPlan
+from cdff_common.interfaces.profile import Exchange
+from dpm_store.exchange.ledger import Ledger
+from services.contact.arrivals import Arrivals
+from services.contact.estimate import Waiting, estimate
+from services.contact.packets import Item, Kind, pack, unpack
+from services.contact.receiver import Receiver
+from services.contact.requests import DeferredRequests
+from services.contact.robot_end import ack_period_s
+from services.dpm.operations.dpm import Dpm
+
+logger = logging.getLogger(__name__)
+
+FOLDER = "exchange"
+_STEP_S = 0.005
+#: Period of commits, and of updates of the requests.
+_FLUSH_S, _UPDATE_S = 0.2, 0.5
+#: Period of looks at the open requests.
+_REQUESTS_S = 0.02
+#: Time since the last packet, in addition to the round trip, for which a robot counts as in contact.
+_CONTACT_S = 3.0
+#: Products in an answer.
+MAX_ITEMS = 1000
+
+
+class _Robot(NamedTuple):
+    receiver: Receiver
+    arrivals: Arrivals
+    times: dict[str, float]  # of the next acknowledgement, and of the next sending of each request
+
+
+class GroundEnd:
+    """Thread that exchanges data with the robots of a contact plan.
+
+    Attributes
+    ----------
+    requests : DeferredRequests
+    """
+
+    def __init__(self, dpm: Dpm, plan: ContactPlan, endpoint: str, exchange: Exchange) -> None:
+        self._dpm, self._plan, self._exchange = dpm, plan, exchange
+        self._ledger = Ledger(dpm.store.directory)
+        self.requests = DeferredRequests(dpm, self._ledger, plan)
+        self._lock = threading.RLock()
+        self._inbox: queue.SimpleQueue[tuple[str, bytes]] = queue.SimpleQueue()
+        self._robots: dict[str, _Robot] = {}
+        folder = Path(dpm.store.directory) / FOLDER
+        for robot in sorted({window.robot for window in plan.windows}):
+            arrivals = Arrivals(robot, dpm, self._ledger)
+            self._robots[robot] = _Robot(Receiver(robot, folder, self._ledger, arrivals), arrivals, {})
+        self._flush_s = self._update_s = 0.0
+        self._session = ContactSession.listen(endpoint)
+        self._session.receive(keys.contact("*", "down"), lambda key, data: self._inbox.put((key, data)))
+        self._ended = threading.Event()
+        loop = dpm.loops.add("contact")
+        self._thread = threading.Thread(target=loop.run, args=(self._wait, self._step), daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """End the thread; items that were received in part remain."""
+        self._ended.set()
+        self._thread.join()
+        self._session.close()
+        for robot in self._robots.values():
+            robot.receiver.close()
+        self._ledger.close()
+
+    def status(self) -> dict[str, Any]:
+        """Return for each robot contact, next window, backlog at the last contact, and counters."""
+        return {robot: self._status(robot) for robot in self._robots}
+
+    def estimate(self, robot: str, limit: int = MAX_ITEMS) -> dict[str, Any]:
+        """Return which products of a robot will be here, and when: ``{robot, known_ns, items, others,
+        complete_ns}``.
+
+        ``items`` are products whose records are here; ``others`` are those that the robot reported at the
+        last contact only as a number, by priority. A time is null if the plan has too few windows.
+        """
+        with self._lock:
+            waiting = self._waiting(robot)
+            others = self._others(robot, waiting)
+        now_ns = self._dpm.clock.now_ns()
+        order = sorted([*waiting, *others], key=lambda item: item.priority)
+        windows = self._plan.after(robot, now_ns)
+        arrivals = estimate(order, windows, now_ns, self._exchange.budget_bit_s)
+        by_name = {arrival.waiting.name: arrival.arrives_ns for arrival in arrivals}
+        times = list(by_name.values())
+        return {
+            "robot": robot,
+            "known_ns": self._ledger.note(f"heard/{robot}"),
+            "items": [self._item(item, by_name[item.name]) for item in waiting[:limit]],
+            "others": [
+                {"priority": o.priority, "what": o.name, "bytes": o.size, "arrives_ns": by_name[o.name]}
+                for o in others
+            ],
+            "complete_ns": None if None in times or not times else max(t for t in times if t is not None),
+        }
+
+    def _item(self, item: Waiting, arrives_ns: int | None) -> dict[str, Any]:
+        return {
+            "id": item.name,
+            "priority": item.priority,
+            "size": item.size,
+            "missing": item.missing,
+            "arrives_ns": arrives_ns,
+        }
+
+    def _waiting(self, robot: str) -> list[Waiting]:
+        """Return the products whose records are here and whose payloads are not."""
+        state = self._robots[robot]
+        waiting = []
+        for row in self._ledger.announced(robot):
+            record = state.arrivals.announced(row.ordinal)
+            if record is not None:
+                missing = state.receiver.missing_bytes(Item.PAYLOAD.key(row.ordinal), row.size)
+                waiting.append(Waiting(record.id, row.priority, row.size, missing))
+        return waiting
+
+    def _others(self, robot: str, waiting: list[Waiting]) -> list[Waiting]:
+        """Return the products that the robot has reported only as numbers and bytes, by priority."""
+        others = []
+        for priority, count, size in self._ledger.note(f"backlog/{robot}", []):
+            known = [item for item in waiting if item.priority == priority]
+            rest = max(size - sum(item.size for item in known), 0)
+            if count > len(known):
+                others.append(Waiting(f"{count - len(known)} products", priority, rest, rest))
+        return others
+
+    def _status(self, robot: str) -> dict[str, Any]:
+        state, now_ns = self._robots[robot], self._dpm.clock.now_ns()
+        windows = self._plan.after(robot, now_ns)
+        return {
+            "contact": self._is_in_contact(state, monotonic_s()),
+            "known_ns": self._ledger.note(f"heard/{robot}"),
+            "next_window_ns": windows[0].start_ns if windows else None,
+            "backlog": self._ledger.note(f"backlog/{robot}", []),
+            "bytes_received": state.receiver.bytes_received,
+            "bytes_repeated": state.receiver.bytes_repeated,
+            **state.arrivals.counters,
+        }
+
+    @staticmethod
+    def _is_in_contact(state: _Robot, now_s: float) -> bool:
+        return now_s - state.receiver.heard_s < _CONTACT_S
+
+    def _wait(self) -> float | None:
+        """Wait for the next step; None ends the loop."""
+        self._ended.wait(_STEP_S)
+        return None if self._ended.is_set() else monotonic_s()
+
+    def _step(self, now_s: float) -> None:
+        with self._lock:
+            while not self._inbox.empty():
+                key, data = self._inbox.get()
+                self._receive(key.split("/")[2], data, now_s)
+            if now_s >= self._flush_s:
+                self._flush_s = now_s + _FLUSH_S
+                for state in self._robots.values():
+                    state.receiver.flush()
+        if now_s >= self._update_s:
+            self._update_s = now_s + _UPDATE_S
+            self.requests.update()
+        for robot, state in self._robots.items():
+            if self._is_in_contact(state, now_s):
+                self._send(robot, state, now_s)
+
+    def _receive(self, robot: str, data: bytes, now_s: float) -> None:
+        state = self._robots.get(robot)
+        if state is None:
+            logger.warning("a packet of %s, which has no window in the contact plan", robot[:64])
+            return
+        try:
+            kind, fields = unpack(data)
+            self._handle(robot, state, kind, fields)
+            state.receiver.heard_s = now_s
+        except (CdffError, ValueError, TypeError, KeyError) as error:
+            logger.warning("a packet of %s is not readable: %s", robot, error)
+
+    def _handle(self, robot: str, state: _Robot, kind: Kind, fields: list[Any]) -> None:
+        match kind:
+            case Kind.HELLO:
+                epoch, store_id, backlog = fields
+                self._put(robot, state.receiver.welcome(epoch, store_id))
+                self._ledger.set_note(f"backlog/{robot}", backlog)
+                self._ledger.set_note(f"heard/{robot}", self._dpm.clock.now_ns())
+            case Kind.DATA:
+                state.receiver.receive(fields)
+            case Kind.TAKEN:
+                self.requests.taken(fields[0])
+            case Kind.RESULT:
+                self.requests.result(fields[0], fields[1])
+                self._put(robot, pack(Kind.NOTED, fields[0]))
+
+    def _send(self, robot: str, state: _Robot, now_s: float) -> None:
+        window = self._plan.current(robot, self._dpm.clock.now_ns())
+        if window is None:
+            return
+        period_s = ack_period_s(window)
+        if now_s >= state.times.get("requests", 0.0):
+            state.times["requests"] = now_s + _REQUESTS_S
+            for row in self.requests.open(robot):
+                if now_s >= state.times.get(row.id, 0.0):
+                    state.times[row.id] = now_s + 2.0 * window.delay_s + 2.0 * period_s
+                    self._put(robot, pack(Kind.REQUEST, row.id, row.body, row.expires_ns))
+        if now_s >= state.times.get("acknowledgement", 0.0):
+            state.times["acknowledgement"] = now_s + period_s
+            with self._lock:
+                packet = state.receiver.acknowledgement()
+            if packet is not None:
+                self._put(robot, packet)
+
+    def _put(self, robot: str, packet: bytes) -> None:
+        self._session.send(keys.contact(robot, "up"), packet)

@@ -1,0 +1,239 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""The end of a robot: it opens a session in each window, sends its items, and executes requests."""
+
+from __future__ import annotations
+
+import logging
+import queue
+import random
+import threading
+from collections.abc import Callable
+from typing import Any
+
+from cdff_common.bus import keys
+from cdff_common.bus.contact_session import ContactSession
+from cdff_common.clock import monotonic_s
+from cdff_common.errors import CdffError, CodecError, UnavailableError
+from cdff_common.interfaces.contact_plan import ContactPlan, ContactWindow
+from cdff_common.interfaces.profile import Exchange
+from dpm_store.exchange.ledger import Ledger, RequestRow
+from services.contact.outgoing import Outgoing
+from services.contact.pacing import Pacer
+from services.contact.packets import Kind, pack, unpack
+from services.dpm.operations.dpm import Dpm
+
+logger = logging.getLogger(__name__)
+
+#: Executes a request: its parameters and the seconds until it expires; returns the answer.
+Execute = Callable[[dict[str, str], float], dict[str, Any]]
+
+_STEP_S, _IDLE_S = 0.002, 0.02
+#: Periods of greetings without an answer, of answers that are not noted, and of looks at the store.
+_HELLO_S, _RESULT_S, _SCAN_S, _EXPIRE_S = 0.5, 0.5, 0.2, 0.1
+#: Time without a packet from the ground, in addition to the round trip, after which the session is opened
+#: again.
+_SILENCE_S = 1.5
+
+
+class RobotEnd:
+    """Thread that exchanges data with the ground.
+
+    Parameters
+    ----------
+    robot : str
+    dpm : Dpm
+        Store on the robot.
+    plan : ContactPlan
+    endpoint : str
+        Zenoh endpoint of the ground.
+    exchange : Exchange
+        Priorities and budget.
+    execute : callable
+        Called in a thread of its own.
+    """
+
+    def __init__(
+        self, robot: str, dpm: Dpm, plan: ContactPlan, endpoint: str, exchange: Exchange, execute: Execute
+    ) -> None:
+        self._robot, self._dpm, self._plan, self._endpoint = robot, dpm, plan, endpoint
+        self._exchange, self._execute = exchange, execute
+        self._ledger = Ledger(dpm.store.directory)
+        self.outgoing = Outgoing(robot, dpm, self._ledger, exchange)
+        self._inbox: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+        self._pacer = Pacer()
+        self._session: ContactSession | None = None
+        self._window: ContactWindow | None = None
+        self._epoch, self._is_welcome = 0, False
+        self._heard_s = self._hello_s = self._scan_s = self._expire_s = self._result_s = 0.0
+        self._round_trip_s = 0.0
+        self._requests: queue.SimpleQueue[RequestRow | None] = queue.SimpleQueue()
+        self._ended = threading.Event()
+        for row in self._ledger.requests("accepted"):
+            self._requests.put(row)
+        self._threads = [
+            threading.Thread(target=dpm.loops.add("contact").run, args=(self._wait, self._step), daemon=True),
+            threading.Thread(target=self._execute_all, name="contact requests", daemon=True),
+        ]
+        for thread in self._threads:
+            thread.start()
+
+    def close(self) -> None:
+        """End the threads; unsent items remain."""
+        self._ended.set()
+        self._requests.put(None)
+        self._threads[0].join()
+        if self._session is not None:
+            self._session.close()
+        self._ledger.close()
+
+    def status(self) -> dict[str, Any]:
+        """Return contact, number and bytes of the products to send by priority, and counters."""
+        sender = self.outgoing.sender
+        return {
+            "robot": self._robot,
+            "contact": self._is_welcome,
+            "backlog": {str(k): v for k, v in self.outgoing.backlog().items()},
+            "packets": sender.packets,
+            "bytes_sent": sender.bytes_sent,
+            "bytes_resent": sender.bytes_resent,
+        }
+
+    def _wait(self) -> float | None:
+        """Wait for a packet or the next step; None ends the loop."""
+        pause_s = _STEP_S if self._session is not None else _IDLE_S
+        self._ended.wait(pause_s)
+        return None if self._ended.is_set() else monotonic_s()
+
+    def _step(self, now_s: float) -> None:
+        window = self._plan.current(self._robot, self._dpm.clock.now_ns())
+        if now_s >= self._scan_s:
+            self._scan_s = now_s + _SCAN_S
+            self.outgoing.scan()
+        if window != self._window:
+            self._end_session()
+            self._window = window
+        if window is None:
+            return
+        budget = self._exchange.budget_bit_s
+        self._pacer.set_rate(window.rate_bit_s if budget is None else min(window.rate_bit_s, budget))
+        self._pacer.update(now_s)
+        if self._session is None and not self._connect(window):
+            return
+        while not self._inbox.empty():
+            self._receive(self._inbox.get(), monotonic_s())
+        self._send(window, monotonic_s())
+
+    def _connect(self, window: ContactWindow) -> bool:
+        try:
+            self._session = ContactSession.connect(self._endpoint, window.delay_s)
+        except UnavailableError as error:
+            logger.debug("%s", error)
+            return False
+        self._session.receive(keys.contact(self._robot, "up"), lambda _, data: self._inbox.put(data))
+        self._epoch, self._is_welcome = random.getrandbits(32), False
+        self._hello_s, self._heard_s = 0.0, monotonic_s()
+        return True
+
+    def _end_session(self) -> None:
+        if self._session is not None:
+            self._session.close()
+            self._session = None
+        self._is_welcome = False
+
+    def _send(self, window: ContactWindow, now_s: float) -> None:
+        self._round_trip_s = 2.0 * window.delay_s + 4.0 * ack_period_s(window)
+        if now_s - self._heard_s > _SILENCE_S + self._round_trip_s:
+            self._end_session()
+            return
+        if not self._is_welcome:
+            if now_s >= self._hello_s:
+                self._hello_s = now_s + _HELLO_S
+                backlog = [[k, *v] for k, v in sorted(self.outgoing.backlog().items())]
+                self._put(pack(Kind.HELLO, self._epoch, self.outgoing.store_id, backlog))
+            return
+        self._send_results(now_s)
+        sender = self.outgoing.sender
+        if now_s >= self._expire_s:
+            self._expire_s = now_s + _EXPIRE_S
+            sender.expire(now_s, 1.0 + self._round_trip_s)
+        while self._pacer.is_free and not sender.is_limited(window.rate_bit_s, self._round_trip_s):
+            packet = sender.next_packet(now_s)
+            if packet is None:
+                self._keep_alive(now_s)
+                return
+            self._put(packet)
+
+    def _keep_alive(self, now_s: float) -> None:
+        """Greet the ground if there was nothing to send, so that both sides know that the link exists."""
+        if now_s - max(self._heard_s, self._hello_s) > _HELLO_S:
+            self._hello_s = now_s
+            backlog = [[k, *v] for k, v in sorted(self.outgoing.backlog().items())]
+            self._put(pack(Kind.HELLO, self._epoch, self.outgoing.store_id, backlog))
+
+    def _put(self, packet: bytes) -> None:
+        assert self._session is not None
+        self._pacer.spend(packet)
+        self._session.send(keys.contact(self._robot, "down"), packet)
+
+    def _receive(self, data: bytes, now_s: float) -> None:
+        try:
+            kind, fields = unpack(data)
+            self._handle(kind, fields, now_s)
+        except (CodecError, ValueError, TypeError) as error:
+            logger.warning("a packet from the ground is not readable: %s", error)
+
+    def _handle(self, kind: Kind, fields: list[Any], now_s: float) -> None:
+        self._heard_s = now_s
+        match kind:
+            case Kind.WELCOME if fields[0] == self._epoch and not self._is_welcome:
+                self._is_welcome = True
+                self.outgoing.sender.begin(self._epoch, fields[1])
+            case Kind.ACK if fields[0] == self._epoch:
+                _, low, high, missing, done, wanted = fields
+                self.outgoing.sender.acknowledge(low, high, missing)
+                self.outgoing.done(done)
+                for key, ranges in wanted:
+                    self.outgoing.sender.want(key, ranges)
+            case Kind.REQUEST:
+                self._accept(*fields)
+            case Kind.NOTED:
+                self._ledger.set_request(fields[0], "answered")
+
+    def _accept(self, request_id: str, body: dict[str, str], expires_ns: int) -> None:
+        row = RequestRow(
+            request_id, self._robot, "accepted", self._dpm.clock.now_ns(), expires_ns, body, None
+        )
+        if self._ledger.add_request(row):
+            self._requests.put(row)
+        self._put(pack(Kind.TAKEN, request_id))
+
+    def _send_results(self, now_s: float) -> None:
+        if now_s < self._result_s:
+            return
+        self._result_s = now_s + _RESULT_S + self._round_trip_s
+        for row in self._ledger.requests("executed"):
+            if row.result is not None and row.result.get("id"):
+                self.outgoing.prioritise(str(row.result["id"]))
+            self._put(pack(Kind.RESULT, row.id, row.result))
+
+    def _execute_all(self) -> None:
+        """Execute the accepted requests one after the other."""
+        while (row := self._requests.get()) is not None:
+            left_s = (row.expires_ns - self._dpm.clock.now_ns()) / 1e9
+            try:
+                if left_s <= 0:
+                    result: dict[str, Any] = {"error": "expired before the robot could execute it"}
+                else:
+                    result = self._execute(row.body, left_s)
+            except CdffError as error:
+                result = {"error": str(error)}
+            if self._ended.is_set():
+                return
+            self._ledger.set_request(row.id, "executed", result)
+            self._result_s = 0.0
+
+
+def ack_period_s(window: ContactWindow) -> float:
+    """Return the period of acknowledgements: 0.1 s, or longer so that they use a tenth of a slow uplink."""
+    return max(0.1, 10 * 250 * 8 / window.up_rate_bit_s)
