@@ -14,12 +14,13 @@ from cdff_common.errors import DegenerateGeometryError, InputError, RefusedError
 from cdff_common.geometry import covariance as cov
 from cdff_common.geometry import se3
 from cdff_common.interfaces.dfn import DfnConfig
-from cdff_core.dfns.stereo_motion_estimation._calibration_errors import (
+from cdff_core.dfns.stereo_motion_estimation.interface import Inputs, Interface, Outputs
+from cdff_core.imaging.calibration_errors import (
     CalibrationUncertainty,
     corner_radius_px,
     measurement_errors,
+    tracking_errors,
 )
-from cdff_core.dfns.stereo_motion_estimation.interface import Inputs, Interface, Outputs
 from cdff_core.imaging.rectified_camera import RectifiedCamera
 
 _DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz")
@@ -128,7 +129,7 @@ class ReprojectionLm(Interface[ReprojectionLmConfig]):
     Levenberg-Marquardt on ``R3 x SO(3)``.
 
     The covariance is ``s2 (J^T W J)^-1`` [1]_ times ``noise_factor``, plus the effect of errors common to all
-    points (``_common_modes``), which more points do not average out: pixel locking and the perspective of
+    points (``tracking_errors``), which more points do not average out: pixel locking and the perspective of
     patches cause 0.002 to 0.015 px in simulated images, more in recorded ones. ``noise_factor`` accounts for
     the correlation of the points of a pair: their patches overlap, and their reference disparities are
     measured in the same images.
@@ -243,7 +244,7 @@ class ReprojectionLm(Interface[ReprojectionLmConfig]):
             *[c.sigma_common_px] * 3,
         ]
         modes = np.concatenate(
-            [_common_modes(system.reference), _calibration_modes(problem.camera, system)], 2
+            [tracking_errors(system.reference), _calibration_modes(problem.camera, system)], 2
         )
         sigmas = np.concatenate([tracking_sigmas, c.calibration.sigmas()])
         common = J @ ((inverse @ (system.projection @ modes).sum(axis=0))[:6] / scale) * sigmas
@@ -287,20 +288,3 @@ def _calibration_modes(camera: RectifiedCamera, system: _System) -> FloatArray:
     current_errors = measurement_errors(camera, system.current, corner_px)
     reference_errors = measurement_errors(camera, system.reference, corner_px)
     return np.asarray(current_errors - system.from_reference @ reference_errors)
-
-
-def _common_modes(reference: FloatArray) -> FloatArray:
-    """Return the residuals ``(n, 3, 6)`` due to errors common to all points: offsets of column, row and
-    disparity, magnification, stretch of rows, and rotation of the image.
-
-    The rows can be stretched alone, because patches of the ground ahead grow more in height than in width
-    when the camera approaches them.
-    """
-    modes = np.zeros((len(reference), 3, 6))
-    modes[:, 0, 0] = modes[:, 1, 1] = modes[:, 2, 2] = 1.0
-    centred = reference[:, :2] - reference[:, :2].mean(axis=0)
-    centred /= np.maximum(np.sqrt(np.mean(centred**2, axis=0)), 1.0)
-    modes[:, :2, 3] = centred
-    modes[:, 1, 4] = centred[:, 1]
-    modes[:, :2, 5] = centred[:, ::-1] * [-1.0, 1.0]
-    return modes

@@ -17,23 +17,23 @@ from cdff_common.interfaces.dfn import Dfn
 from cdff_common.interfaces.dfpc import Output, Sample
 from cdff_common.interfaces.product import CovarianceKind, Quality, Status
 from cdff_common.types import FramePair, PoseTrajectory
-from cdff_core.dfpcs.visual_odometry_sparse.camera_path import CameraPath
 from cdff_core.dfpcs.visual_odometry_sparse.configuration import VisualOdometrySparseConfig
-from cdff_core.dfpcs.visual_odometry_sparse.consider_state import ConsiderState
-from cdff_core.dfpcs.visual_odometry_sparse.gaps import Gaps
-from cdff_core.dfpcs.visual_odometry_sparse.image_acceptance import assess_pair
 from cdff_core.dfpcs.visual_odometry_sparse.interface import VisualOdometrySparseInterface
 from cdff_core.dfpcs.visual_odometry_sparse.keyframe import Keyframe, KeyframeBuilder, KeyframeWindow
 from cdff_core.dfpcs.visual_odometry_sparse.keyframe_tracker import KeyframeTracker
-from cdff_core.dfpcs.visual_odometry_sparse.motion_prior import CAMERAS, MotionPrior
 from cdff_core.dfpcs.visual_odometry_sparse.quality import (
-    blur_reasons,
     is_scene_uncertain,
     rectification_reasons,
 )
-from cdff_core.dfpcs.visual_odometry_sparse.robot_masks import RobotMasks
-from cdff_core.dfpcs.visual_odometry_sparse.stereo_view import StereoView
 from cdff_core.imaging.disparity_calibration import DisparityCalibration
+from cdff_core.stereo_odometry.camera_path import CameraPath
+from cdff_core.stereo_odometry.consider_state import ConsiderState
+from cdff_core.stereo_odometry.gaps import Gaps
+from cdff_core.stereo_odometry.image_acceptance import assess_pair
+from cdff_core.stereo_odometry.limits import blur_reasons
+from cdff_core.stereo_odometry.motion_prior import CAMERAS, MotionPrior
+from cdff_core.stereo_odometry.robot_masks import RobotMasks
+from cdff_core.stereo_odometry.stereo_view import StereoView
 
 
 class VisualOdometrySparse(VisualOdometrySparseInterface):

@@ -16,9 +16,9 @@ from cdff_core.dfns.rectification_refinement.interface import RectificationRefin
 from cdff_core.dfns.stereo_matching_2d.interface import StereoMatching2DInputs
 from cdff_core.dfns.stereo_triangulation.interface import StereoTriangulationInputs
 from cdff_core.dfpcs.visual_odometry_sparse import quality
-from cdff_core.dfpcs.visual_odometry_sparse.consider_state import ConsiderState
-from cdff_core.dfpcs.visual_odometry_sparse.stereo_view import StereoView
 from cdff_core.imaging.disparity_calibration import DisparityCalibration
+from cdff_core.stereo_odometry.consider_state import ConsiderState
+from cdff_core.stereo_odometry.stereo_view import StereoView
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -39,10 +39,11 @@ from cdff_core.dfpcs.visual_odometry_sparse import quality
 from cdff_core.dfpcs.visual_odometry_sparse.competing_motions import CompetingMotions
 from cdff_core.dfpcs.visual_odometry_sparse.keyframe import Keyframe
 from cdff_core.dfpcs.visual_odometry_sparse.motion_hypotheses import MotionHypotheses, SelectedMotion
-from cdff_core.dfpcs.visual_odometry_sparse.motion_prior import MotionBounds
-from cdff_core.dfpcs.visual_odometry_sparse.stereo_view import StereoView
 from cdff_core.dfpcs.visual_odometry_sparse.tracked_points import LostPoints, TrackedPoints
 from cdff_core.imaging.disparity_calibration import DisparityCalibration
+from cdff_core.stereo_odometry.limits import require
+from cdff_core.stereo_odometry.motion_prior import MotionBounds
+from cdff_core.stereo_odometry.stereo_view import StereoView
 
 #: Area of lost points relative to that of the found points above which another motion is searched for.
 _SEARCH_LOST_RATIO = 0.3
@@ -267,7 +268,7 @@ class KeyframeTracker:
         )
         valid = stereo_matches.valid & view.is_on_scene(matches, stereo_matches.disparities)
         min_matched = max(quality.MIN_INLIERS, int(quality.MIN_PAIRING_FRACTION * len(candidates)))
-        quality.require(int(valid.sum()), min_matched, "stereo_mismatch")
+        require(int(valid.sum()), min_matched, "stereo_mismatch")
         points = candidates[valid]
         refined_motion = self._motion.process(
             StereoMotionEstimationInputs(

@@ -16,7 +16,7 @@ from cdff_common.geometry.covariance import pose_error
 from cdff_common.geometry.se3 import FloatArray
 from cdff_common.interfaces.dfn import Dfn
 from cdff_core.dfns.perspective_n_point_solving.interface import PerspectiveNPointSolvingInputs
-from cdff_core.dfpcs.visual_odometry_sparse.motion_prior import GATE, MotionBounds
+from cdff_core.stereo_odometry.motion_prior import GATE, MotionBounds
 
 #: Maximum number of motions, and number of samples of three points for each motion after the first: if 36 %
 #: of the remaining points move together, one of 150 samples has no outlier with a probability of 99.9 %.

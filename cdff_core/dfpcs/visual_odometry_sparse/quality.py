@@ -10,10 +10,8 @@ from cdff_common.errors import RefusedError
 from cdff_common.geometry.se3 import FloatArray
 from cdff_core.dfns.stereo_motion_estimation.interface import StereoMotionEstimationOutputs
 from cdff_core.dfpcs.visual_odometry_sparse.motion_hypotheses import MAX_AMBIGUITY, SelectedMotion
+from cdff_core.stereo_odometry.limits import below, require
 
-#: Sharpness (BandEnergy) below which the blur is 2 px or more, and sharpness relative to that of the
-#: keyframe below which the finest octave is missing.
-GOOD_SHARPNESS, GOOD_SHARPNESS_RATIO = 0.25, 0.6
 #: Number of points of a keyframe with a disparity: FAILED below the first, DEGRADED below the second.
 MIN_STEREO, GOOD_STEREO = 30, 80
 #: Fraction of the detected points with a disparity; in two different scenes it is a few per cent by chance.
@@ -38,17 +36,6 @@ MAX_LOST_RATIO = 0.2
 MAX_UNIT_VARIANCE = 9.0
 #: Standard deviation of a translation relative to the distance from the keyframe, and the least gate.
 GOOD_SIGMA_FRACTION, GOOD_SIGMA_M = 0.1, 0.05
-
-
-def require(value: float, least: float, reason: str) -> None:
-    """Raise RefusedError with ``reason:value<least`` if a count or fraction is less than ``least``."""
-    if reasons := below(value, least, reason):
-        raise RefusedError(f"{reason}: {value:.2g}, expected at least {least:g}", reasons)
-
-
-def blur_reasons(sharpness: float, reference: float = 0.0) -> list[str]:
-    """Return the reason ``blurred`` if an image is blurred, absolutely or relative to the keyframe."""
-    return below(sharpness, max(GOOD_SHARPNESS, GOOD_SHARPNESS_RATIO * reference), "blurred")
 
 
 def stereo_reasons(disparities: FloatArray, detected: int) -> list[str]:
@@ -135,9 +122,3 @@ def hypothesis_metrics(motion: SelectedMotion) -> dict[str, float]:
 def _largest_sigma(covariance: FloatArray) -> float:
     """Return the largest standard deviation in any direction."""
     return float(np.sqrt(max(np.linalg.eigvalsh(covariance)[-1], 0.0)))
-
-
-def below(value: float, least: float, reason: str, digits: int = 2) -> list[str]:
-    """Return ``reason:value<least`` if a value is less than ``least``; counts have no decimals."""
-    digits = 0 if isinstance(value, int) else digits
-    return [f"{reason}:{value:.{digits}f}<{least:.{digits}f}"] if value < least else []

@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 from cdff_common.errors import DegenerateGeometryError, InputError, RefusedError
 from cdff_common.geometry import covariance as cov
 from cdff_common.geometry import se3
-from cdff_core.dfns.stereo_motion_estimation._calibration_errors import (
+from cdff_core.dfns.stereo_motion_estimation.interface import StereoMotionEstimationInputs
+from cdff_core.dfns.stereo_motion_estimation.reprojection_lm import ReprojectionLm
+from cdff_core.imaging.calibration_errors import (
     CalibrationUncertainty,
     corner_radius_px,
     measurement_errors,
 )
-from cdff_core.dfns.stereo_motion_estimation.interface import StereoMotionEstimationInputs
-from cdff_core.dfns.stereo_motion_estimation.reprojection_lm import ReprojectionLm
 from cdff_core.imaging.rectified_camera import RectifiedCamera
 from tests.support.corridor import BASELINE_M, CAMERA
 

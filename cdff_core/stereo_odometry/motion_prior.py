@@ -93,6 +93,11 @@ class MotionPrior:
         except FrameNotFoundError:
             return
 
+    @property
+    def T_base_left(self) -> FloatArray | None:
+        """Mount (4, 4) of the left camera; None if unknown."""
+        return None if self._T_left_base is None else se3.inverse(self._T_left_base)
+
     def add_pose(self, stamp_ns: int, T_odom_base: UncertainTransform) -> None:
         """Add a pose of the wheel odometry."""
         self._odometry.insert(stamp_ns, T_odom_base)

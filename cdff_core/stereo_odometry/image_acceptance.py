@@ -9,8 +9,8 @@ from typing import Any
 from cdff_common.errors import RefusedError
 from cdff_common.interfaces.dfn import Dfn
 from cdff_core.dfns.image_assessment.interface import ImageAssessmentInputs, ImageAssessmentOutputs
-from cdff_core.dfpcs.visual_odometry_sparse.quality import below
-from cdff_core.dfpcs.visual_odometry_sparse.stereo_view import StereoView
+from cdff_core.stereo_odometry.limits import below
+from cdff_core.stereo_odometry.stereo_view import StereoView
 
 #: Contrast of an image, twice the range of noise of 1 DN; an image with less contrast is black or flat.
 MIN_CONTRAST_DN = 10.0

@@ -15,7 +15,7 @@ from cdff_common.geometry import FrameGraph, UncertainTransform, se3
 from cdff_common.interfaces.dfpc import DfpcContext
 from cdff_common.interfaces.profile import load_profile
 from cdff_common.types import FramePair, Joints, JointState
-from cdff_core.dfpcs.visual_odometry_sparse.robot_masks import RobotMasks
+from cdff_core.stereo_odometry.robot_masks import RobotMasks
 from cdff_dev.replay.wiring import with_masks
 from tests.support.corridor import BASELINE_M, CAMERA, SHAPE
 

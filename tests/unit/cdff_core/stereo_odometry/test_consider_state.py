@@ -11,8 +11,8 @@ from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.geometry import covariance as cov
 from cdff_core.dfns.stereo_motion_estimation.interface import StereoMotionEstimationInputs
 from cdff_core.dfns.stereo_motion_estimation.reprojection_lm import ReprojectionLm
-from cdff_core.dfpcs.visual_odometry_sparse.consider_state import COMMON, ConsiderState
 from cdff_core.imaging.rectified_camera import RectifiedCamera
+from cdff_core.stereo_odometry.consider_state import COMMON, ConsiderState
 from tests.support.corridor import BASELINE_M, CAMERA
 
 STEP = se3.transform(se3.exp_so3([0.0, 0.1, 0.02]), [0.1, 0.0, 0.5])

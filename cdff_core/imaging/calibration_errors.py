@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Effect of calibration errors of a rectified stereo camera on the measurements ``(u, v, d)``."""
+"""Effect of calibration and tracking errors of a stereo camera on the measurements ``(u, v, d)``."""
 
 from __future__ import annotations
 
@@ -97,3 +97,20 @@ def measurement_errors(camera: RectifiedCamera, uvd: FloatArray, corner_px: floa
     errors[:, :, 6] = np.column_stack([u, v, u]) * left_ratio[:, None]
     errors[:, 2, 7] = -u_right * right_ratio
     return errors
+
+
+def tracking_errors(reference: FloatArray) -> FloatArray:
+    """Return the errors ``(n, 3, 6)`` of ``u, v, d`` common to all points: offsets of column, row and
+    disparity, magnification, stretch of rows, and rotation of the image.
+
+    The rows can be stretched alone, because patches of the ground ahead grow more in height than in width
+    when the camera approaches them.
+    """
+    modes = np.zeros((len(reference), 3, 6))
+    modes[:, 0, 0] = modes[:, 1, 1] = modes[:, 2, 2] = 1.0
+    centred = reference[:, :2] - reference[:, :2].mean(axis=0)
+    centred /= np.maximum(np.sqrt(np.mean(centred**2, axis=0)), 1.0)
+    modes[:, :2, 3] = centred
+    modes[:, 1, 4] = centred[:, 1]
+    modes[:, :2, 5] = centred[:, ::-1] * [-1.0, 1.0]
+    return modes

@@ -13,7 +13,7 @@ from cdff_common.errors import RefusedError
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.geometry.se3 import FloatArray
 from cdff_common.types import PoseTrajectory
-from cdff_core.dfpcs.visual_odometry_sparse.motion_prior import (
+from cdff_core.stereo_odometry.motion_prior import (
     GYRO_RAD,
     GYRO_RAD_S,
     SLIP_RATIO,

@@ -15,8 +15,8 @@ from cdff_common.interfaces.dfpc import Dfpc, DfpcContext, Output, Sample
 from cdff_common.interfaces.product import Status
 from cdff_common.interfaces.registry import Registry
 from cdff_common.types import FramePair, IMUSensors, Time, TransformWithCovariance
-from cdff_core.dfpcs.visual_odometry_sparse.camera_path import CameraPath
-from cdff_core.dfpcs.visual_odometry_sparse.motion_prior import MotionPrior
+from cdff_core.stereo_odometry.camera_path import CameraPath
+from cdff_core.stereo_odometry.motion_prior import MotionPrior
 from tests.support.corridor import BASELINE_M, CAMERA, SHAPE, stereo_pair
 
 STEP_NS = 500_000_000

@@ -13,11 +13,11 @@ from cdff_common.arrays import BoolArray
 from cdff_common.geometry.se3 import FloatArray
 from cdff_common.interfaces.dfpc import Sample
 from cdff_common.types import FramePair
-from cdff_core.dfpcs.visual_odometry_sparse.robot_masks import RobotMasks
 from cdff_core.imaging.frames import check_undistorted
 from cdff_core.imaging.grey import grey_image
 from cdff_core.imaging.masks import at_pixels
 from cdff_core.imaging.rectified_camera import RectifiedCamera
+from cdff_core.stereo_odometry.robot_masks import RobotMasks
 
 #: Relative tolerance of camera matrices and baselines of one camera: a thousandth of a pixel and less.
 _SAME_CAMERA = 1e-6

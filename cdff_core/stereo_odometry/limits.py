@@ -1,0 +1,28 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Comparison of measured values with their limits: refusal, or a reason for DEGRADED."""
+
+from __future__ import annotations
+
+from cdff_common.errors import RefusedError
+
+#: Sharpness (BandEnergy) below which the blur is 2 px or more, and sharpness relative to that of the
+#: keyframe below which the finest octave is missing.
+GOOD_SHARPNESS, GOOD_SHARPNESS_RATIO = 0.25, 0.6
+
+
+def require(value: float, least: float, reason: str) -> None:
+    """Raise RefusedError with ``reason:value<least`` if a count or fraction is less than ``least``."""
+    if reasons := below(value, least, reason):
+        raise RefusedError(f"{reason}: {value:.2g}, expected at least {least:g}", reasons)
+
+
+def blur_reasons(sharpness: float, reference: float = 0.0) -> list[str]:
+    """Return the reason ``blurred`` if an image is blurred, absolutely or relative to the keyframe."""
+    return below(sharpness, max(GOOD_SHARPNESS, GOOD_SHARPNESS_RATIO * reference), "blurred")
+
+
+def below(value: float, least: float, reason: str, digits: int = 2) -> list[str]:
+    """Return ``reason:value<least`` if a value is less than ``least``; counts have no decimals."""
+    digits = 0 if isinstance(value, int) else digits
+    return [f"{reason}:{value:.{digits}f}<{least:.{digits}f}"] if value < least else []

@@ -1,0 +1,126 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Dense visual odometry on a ray-cast corridor: accuracy of known motion, attitude fixes, refusals."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from cdff_common.geometry import FrameGraph, UncertainTransform, se3
+from cdff_common.geometry import covariance as cov
+from cdff_common.interfaces.dfpc import Dfpc, DfpcContext, Output, Sample
+from cdff_common.interfaces.product import Status
+from cdff_common.interfaces.registry import Registry
+from cdff_common.types import FramePair, TransformWithCovariance
+from tests.support.corridor import BASELINE_M, CAMERA, drive, stereo_pair
+
+STEP_NS = 200_000_000
+TRUE_POSES = drive(9)  # 0.64 m
+T_BASE_LEFT = se3.transform([[0, 0, 1], [-1, 0, 0], [0, -1, 0]], [0.2, 0.1, 1.0])
+
+
+@pytest.fixture(scope="module")
+def pairs() -> list[FramePair]:
+    return [stereo_pair(T, i * STEP_NS) for i, T in enumerate(TRUE_POSES)]
+
+
+def make_configured_dfpc(**config: Any) -> Dfpc:
+    frames = FrameGraph()
+    frames.set_static("mana/base", "mana/navcam_left", UncertainTransform.exact(T_BASE_LEFT))
+    dfpc = Registry.default().make_dfpc("visual_odometry_dense")
+    dfpc.configure(config, DfpcContext("mana", frames))
+    return dfpc
+
+
+def step(dfpc: Dfpc, pair: FramePair, i: int) -> Output:
+    (output,) = dfpc.step(Sample("stereo", i * STEP_NS, i, pair, id=f"pair{i}"))
+    assert (output.value is None) == (output.quality.status is Status.FAILED)
+    return output
+
+
+def pair_of(left: NDArray[np.uint8], right: NDArray[np.uint8], i: int) -> FramePair:
+    return FramePair.from_images(
+        left, right, baseline_m=BASELINE_M, camera_matrix=CAMERA, stamp_ns=i * STEP_NS
+    )
+
+
+def error(output: Output, i: int) -> NDArray[np.float64]:
+    T_true = se3.inverse(TRUE_POSES[0]) @ TRUE_POSES[i]
+    return cov.pose_error(T_true, output.value.transform.matrix)
+
+
+def test_a_drive_is_measured_within_one_per_cent_and_its_standard_deviations(pairs: list[FramePair]) -> None:
+    dfpc = make_configured_dfpc()
+    outputs = [step(dfpc, pair, i) for i, pair in enumerate(pairs)]
+    assert all(output.quality.status is Status.OK for output in outputs)
+    last = error(outputs[-1], len(pairs) - 1)
+    assert np.linalg.norm(last[:3]) < 0.01 * 0.64
+    covariance = outputs[-1].value.transform.covariance
+    assert last @ np.linalg.solve(covariance, last) < 22.5  # chi-squared, 6 degrees of freedom, 0.1 %
+
+
+def test_a_change_of_exposure_does_not_change_the_motion(pairs: list[FramePair]) -> None:
+    dfpc = make_configured_dfpc()
+    step(dfpc, pairs[0], 0)
+    images = [np.array(image.image) for image in (pairs[2].left, pairs[2].right)]
+    brighter = [np.clip(0.7 * image.astype(float) + 20, 0, 255).astype(np.uint8) for image in images]
+    assert np.linalg.norm(error(step(dfpc, pair_of(*brighter, 2), 2), 2)[:3]) < 0.003
+
+
+def test_a_missing_pair_is_bridged(pairs: list[FramePair]) -> None:
+    dfpc = make_configured_dfpc()
+    outputs = [step(dfpc, pairs[i], i) for i in (0, 1, 3, 4)]
+    assert np.linalg.norm(error(outputs[-1], 4)[:3]) < 0.005
+
+
+@pytest.mark.parametrize(
+    ("left", "right", "reason"),
+    [(0, 0, "low_contrast_left"), (255, 255, "saturated_left"), (90, 90, "low_contrast_left")],
+)
+def test_black_saturated_and_flat_images_are_refused(
+    pairs: list[FramePair], left: int, right: int, reason: str
+) -> None:
+    dfpc = make_configured_dfpc()
+    step(dfpc, pairs[0], 0)
+    shape = pairs[0].left.image.shape[:2]
+    output = step(dfpc, pair_of(np.full(shape, left, np.uint8), np.full(shape, right, np.uint8), 1), 1)
+    assert output.quality.status is Status.FAILED
+    assert any(r.startswith(reason) for r in output.quality.reasons)
+    assert step(dfpc, pairs[2], 2).value is not None
+
+
+def test_swapped_cameras_are_refused(pairs: list[FramePair]) -> None:
+    swapped = pair_of(np.array(pairs[0].right.image), np.array(pairs[0].left.image), 0)
+    output = step(make_configured_dfpc(), swapped, 0)
+    assert output.quality.status is Status.FAILED
+    assert output.quality.reasons[0].startswith("stereo_mismatch")
+
+
+def test_an_attitude_fix_corrects_the_rotation_and_reduces_its_covariance(pairs: list[FramePair]) -> None:
+    def last(sigma_rad: float) -> Output:
+        dfpc = make_configured_dfpc()
+        for i, pair in enumerate(pairs):
+            T = TRUE_POSES[i] @ se3.inverse(T_BASE_LEFT)
+            fix = UncertainTransform(T, np.diag([1e6] * 3 + [sigma_rad**2] * 3))
+            pose = TransformWithCovariance.from_transform(
+                fix, parent="site", child="mana/base", stamp_ns=i * STEP_NS
+            )
+            assert list(dfpc.step(Sample("attitude", i * STEP_NS, i, pose))) == []
+            output = step(dfpc, pair, i)
+        return output
+
+    free, fixed = last(10.0), last(1e-5)
+    assert np.linalg.norm(error(fixed, 8)[3:]) < 1e-4
+    rotations = [np.trace(output.value.transform.covariance[3:, 3:]) for output in (fixed, free)]
+    assert rotations[0] < 0.1 * rotations[1]
+
+
+def test_the_trajectory_contains_all_poses(pairs: list[FramePair]) -> None:
+    dfpc = make_configured_dfpc()
+    for i in range(3):
+        step(dfpc, pairs[i], i)
+    assert len(dfpc.get_trajectory().stamps_ns) == 3
