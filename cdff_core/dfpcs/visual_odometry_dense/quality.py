@@ -11,8 +11,7 @@ from cdff_core.stereo_odometry.limits import below, require
 
 #: Fraction of the pixels of a keyframe with a disparity. Matches by chance cover a few per cent.
 MIN_STEREO_FRACTION, GOOD_STEREO_FRACTION = 0.1, 0.25
-#: Correlation of the grey levels with the left and the right current image: two images of one scene reach
-#: 0.7 and more, different scenes 0.2.
+#: Correlation of the grey levels with the left and the right current image; the limits are not evaluated yet.
 MIN_CORRELATION, GOOD_CORRELATION = 0.45, 0.6
 #: Fraction of the pixels of the keyframe in view.
 MIN_OVERLAP, GOOD_OVERLAP = 0.25, 0.4
