@@ -128,7 +128,7 @@ class Sender:
         return None
 
     def acknowledge(self, low: int, high: int, missing: Ranges) -> None:
-        """Apply an acknowledgement of the sequence numbers ``low … high`` (inclusive) except ``missing``."""
+        """Apply an acknowledgement of the sequence numbers ``low … high``, except ``missing``."""
         absent = {seq for first, end in missing for seq in range(first, end)}
         for seq in [s for s in self._in_flight if s <= high]:
             if low <= seq and seq not in absent:

@@ -46,7 +46,7 @@ class Approach:
     outcomes: list[Outcome]
 
     def true_pose(self, sensor: str, t_ns: int) -> NDArray[np.float64]:
-        """Return ``T_sensor_client``, shape (4, 4), metres, at the time of a sample of the servicer's sensor."""
+        """Return ``T_sensor_client`` (4, 4), metres, at the time of a sample of the servicer's sensor."""
         stream = f"/servicer/truth.{sensor}_target"
         with open_log(self.log) as source:
             target = next(s.value for s in source.samples([stream]) if s.stamp_ns == t_ns)
