@@ -175,5 +175,5 @@ def _lens_of_message(frame: Frame) -> tuple[LensName, FloatArray]:
         return _NUMBERED[int(coefficients[0]) - 1], coefficients[1:]
     raise InputError(
         f"image of {frame.frame or 'a camera'}: {model.name}, expected a pinhole, fisheye, omnidirectional, "
-        "fov or division camera"
+        "fov or division camera; state the calibration, for a log by --calibration FILE"
     )

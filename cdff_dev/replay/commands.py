@@ -112,7 +112,13 @@ def register(nouns: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Replay; return 0, or raise RefusedError (exit code 3) if every output of the DFPC is FAILED."""
+    """Replay; return 0.
+
+    Raises
+    ------
+    RefusedError
+        If no sample was accepted, or every output of the DFPC is FAILED (exit code 3).
+    """
     from cdff_common.errors import InputError
     from cdff_dev.logs.opened import opened
 
@@ -253,10 +259,12 @@ def _replay(args: argparse.Namespace, log: LogSource) -> int:
             print(f"stopped by {stopped['condition']} at {stamp}: {stopped['status']}, {reasons}")
     for finding in summary["sensor_findings"]:
         print(f"{finding['kind']}: {finding['what']}; {finding['remedy']}", file=sys.stderr)
-    if summary["errors"]:
+    if 0 < summary["errors"] < summary["samples"]:
         print(f"{summary['errors']} samples were refused; the last: {summary['last_error']}", file=sys.stderr)
     if not summary["samples"]:
         raise ConfigurationError(f"{args.log}: no sample reached {dfpc.name}")
+    if summary["errors"] == summary["samples"]:
+        raise RefusedError(f"{dfpc.name}: every sample was refused; the last: {summary['last_error']}")
     if summary["outputs"] and summary["failed"] == summary["outputs"]:
         raise RefusedError(f"{dfpc.name}: every output is FAILED; the last: {summary['last_failure']}")
     return 0
