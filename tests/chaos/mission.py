@@ -23,6 +23,7 @@ from cdff_common.bus.identity import VARIABLE
 from cdff_common.bus.message import on_map
 from cdff_common.client import Client
 from cdff_common.errors import CdffError, UnavailableError
+from cdff_common.interfaces import registry
 from cdff_common.interfaces.profile import load_profile
 from cdff_dev.ports import free_port
 from services.keys.access_control import Kind
@@ -82,6 +83,7 @@ class Mission:
     def __enter__(self) -> Self:
         if str(PLUGIN) not in sys.path:
             sys.path.append(str(PLUGIN))  # the DFPCs of the profile
+            registry._default_registry.cache_clear()  # another test may have read it without them
         profile = load_profile(PROFILE)
         identities = MissionKeys.create(self.secrets, profile, ())
         for robot in profile.robot_ids:
