@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 from cdff_common.bus import keys
 from cdff_common.bus.contact_session import ContactSession
 from cdff_common.clock import monotonic_s
-from cdff_common.errors import CdffError
+from cdff_common.errors import CdffError, CodecError, InputError
 from cdff_common.interfaces.contact_plan import ContactPlan
 from cdff_common.interfaces.profile import Exchange
 from dpm_store.exchange.ledger import Ledger
@@ -90,8 +90,13 @@ class GroundEnd:
         complete_ns}``.
 
         ``items`` are products whose records are here; ``others`` are those that the robot reported at the
-        last contact only as a number, by priority. A time is null if the plan has too few windows.
+        last contact only as a number, by priority. A time is null if the plan has too few windows. InputError
+        for a robot without windows.
         """
+        if robot not in self._robots:
+            raise InputError(
+                f"robot={robot[:64]!r}: the contact plan has windows of {', '.join(self._robots)}"
+            )
         with self._lock:
             waiting = self._waiting(robot)
             others = self._others(robot, waiting)
@@ -189,13 +194,18 @@ class GroundEnd:
             kind, fields = unpack(data)
             self._handle(robot, state, kind, fields)
             state.receiver.heard_s = now_s
-        except (CdffError, ValueError, TypeError, KeyError) as error:
+        except (CdffError, ValueError, TypeError, LookupError) as error:
             logger.warning("a packet of %s is not readable: %s", robot, error)
 
     def _handle(self, robot: str, state: _Robot, kind: Kind, fields: list[Any]) -> None:
         match kind:
             case Kind.HELLO:
-                epoch, store_id, backlog = fields
+                epoch, store_id, backlog = int(fields[0]), str(fields[1]), fields[2]
+                backlog = [[int(number) for number in row] for row in backlog]
+                if any(len(row) != 3 for row in backlog):
+                    raise CodecError(
+                        f"backlog {str(backlog)[:80]}: expected rows of priority, count and size"
+                    )
                 self._put(robot, state.receiver.welcome(epoch, store_id))
                 self._ledger.set_note(f"backlog/{robot}", backlog)
                 self._ledger.set_note(f"heard/{robot}", self._dpm.clock.now_ns())

@@ -13,17 +13,17 @@ _BURST_S = 0.05
 
 
 class Pacer:
-    """Number of bytes that may be sent now."""
+    """Limits the bytes that are sent to the rate of the link."""
 
     def __init__(self) -> None:
         self._rate, self._credit, self._last_s = 0.0, 0.0, 0.0
 
     def set_rate(self, rate_bit_s: float) -> None:
-        """Set the rate of the link, bit/s."""
+        """Use a share of the rate of the link, bit/s, from now on."""
         self._rate = _SHARE * rate_bit_s / 8.0
 
     def update(self, now_s: float) -> None:
-        """Add the bytes of the time since the last call."""
+        """Add the bytes that the link transmits in the time since the last call."""
         elapsed_s, self._last_s = now_s - self._last_s, now_s
         self._credit = min(self._credit + self._rate * elapsed_s, self._rate * _BURST_S)
 
@@ -33,5 +33,5 @@ class Pacer:
         return self._credit > 0.0
 
     def spend(self, packet: bytes) -> None:
-        """Subtract a packet; those that cannot wait are sent without credit and paid by the next ones."""
+        """Subtract the bytes of a sent packet; an urgent packet may exceed the credit, and the next ones wait."""
         self._credit -= len(packet) + FRAME_BYTES

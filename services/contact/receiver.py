@@ -14,7 +14,7 @@ from collections import deque
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from cdff_common.errors import CdffError
+from cdff_common.errors import CdffError, CodecError
 from dpm_store.exchange.ledger import Ledger, PartRow, Ranges
 from services.contact.arrivals import Arrivals
 from services.contact.packets import CHUNK_BYTES, MAX_RANGES, Kind, add_range, missing_ranges, pack
@@ -25,7 +25,9 @@ logger = logging.getLogger(__name__)
 _REPEATS = 3
 #: Keys and intervals in one acknowledgement.
 _MAX_DONE, _MAX_WANTED = 60, 8
-#: Largest item.
+#: Packets that can be lost in a row: a greater number is not one of this session.
+_MAX_AHEAD = 100_000
+#: Largest item, bytes.
 _MAX_BYTES = 1 << 30
 #: Keys that are remembered as done.
 _REMEMBERED = 20_000
@@ -78,10 +80,18 @@ class Receiver:
         return pack(Kind.WELCOME, epoch, parts)
 
     def receive(self, fields: list[Any]) -> None:
-        """Take a packet ``DATA``; one of an earlier session is ignored."""
+        """Take a packet ``DATA``; one of an earlier session is ignored.
+
+        Raises
+        ------
+        CodecError
+            If its number is none of this session.
+        """
         epoch, seq, key, total, offset, data = fields
         if epoch != self._epoch or not (0 <= offset <= offset + len(data) <= total <= _MAX_BYTES):
             return
+        if not (0 < seq <= self._high + _MAX_AHEAD and key >= 0):
+            raise CodecError(f"packet number {seq} of item {key}: the last number is {self._high}")
         self._has_news = True
         self._received.add(seq)
         self._high = max(self._high, seq)

@@ -180,7 +180,7 @@ class RobotEnd:
         try:
             kind, fields = unpack(data)
             self._handle(kind, fields, now_s)
-        except (CodecError, ValueError, TypeError) as error:
+        except (CodecError, ValueError, TypeError, LookupError) as error:
             logger.warning("a packet from the ground is not readable: %s", error)
 
     def _handle(self, kind: Kind, fields: list[Any], now_s: float) -> None:

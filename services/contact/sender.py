@@ -129,11 +129,10 @@ class Sender:
 
     def acknowledge(self, low: int, high: int, missing: Ranges) -> None:
         """Apply an acknowledgement of the sequence numbers ``low … high``, except ``missing``."""
-        absent = {seq for first, end in missing for seq in range(first, end)}
-        for seq in [s for s in self._in_flight if s <= high]:
-            if low <= seq and seq not in absent:
+        for seq in [s for s in self._in_flight if low <= s <= high]:
+            if not any(first <= seq < end for first, end in missing):
                 del self._in_flight[seq]
-            elif low <= seq and seq <= high - _REORDERED:
+            elif seq <= high - _REORDERED:
                 self._lost.append(self._in_flight.pop(seq).chunk)
 
     def want(self, key: int, missing: Ranges) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 
 from cdff_common.bus import Bus, Reply, Request, keys
 from cdff_common.contract.names import GROUND
-from cdff_common.contract.queries import ContactParameters
+from cdff_common.contract.queries import ContactParameters, RequestParameters
 from cdff_common.errors import CdffError, InputError
 from cdff_common.interfaces.contact_plan import load_contact_plan
 from cdff_common.interfaces.profile import Exchange
@@ -82,13 +82,11 @@ def answer(ground: GroundEnd, request: Request) -> dict[str, Any]:
 
 def execute_on_bus(bus: Bus, robot: str, parameters: dict[str, str], left_s: float) -> dict[str, Any]:
     """Return the answer of the orchestrator on the robot: ``{id}``, or ``{error}``."""
-    deadline_s = min(float(parameters.get("deadline_ms", "20000")) / 1000.0, left_s, _DEADLINE_S)
-    asked = {
-        **{name: value for name, value in parameters.items() if name != "robot"},
-        "deliver": "reference",
-        "deadline_ms": str(int(deadline_s * 1000)),
-    }
+    asked = {name: value for name, value in parameters.items() if name != "robot"}
     try:
+        deadline_ms = RequestParameters.parse(asked).deadline_ms
+        deadline_s = min(deadline_ms / 1000.0, left_s, _DEADLINE_S)
+        asked |= {"deliver": "reference", "deadline_ms": str(int(deadline_s * 1000))}
         reply = bus.call(keys.orchestrator_rpc(robot, "request"), asked, timeout_s=deadline_s + _GRACE_S)
     except CdffError as error:
         return {"error": f"{type(error).__name__}: {error}"}

@@ -51,12 +51,13 @@ class Ends:
     """Two stores and a link; the ends are started and closed by the test."""
 
     def __init__(self, folder: Path) -> None:
-        self._port = free_port()
+        port = free_port()
+        self.ground_address = f"udp/127.0.0.1:{port}"
         self._robot_store = open_store(f"sqlite:///{folder}/robot", MissionClock())
         self._ground_store = open_store(f"sqlite:///{folder}/ground", MissionClock())
         self.robot, self.ground = Dpm(self._robot_store), Dpm(self._ground_store)
         self.link = SimulatedLink(
-            ("127.0.0.1", self._port), Direction(4e6, 0.01, 0.02), Direction(1e6, 0.01, 0.02), seed=1
+            ("127.0.0.1", port), Direction(4e6, 0.01, 0.02), Direction(1e6, 0.01, 0.02), seed=1
         )
 
     def start_robot(self, plan: ContactPlan, **exchange: Any) -> closing[RobotEnd]:
@@ -70,7 +71,7 @@ class Ends:
 
     def start_ground(self, plan: ContactPlan) -> closing[GroundEnd]:
         """Start the end of the ground."""
-        return closing(GroundEnd(self.ground, plan, f"udp/127.0.0.1:{self._port}", Exchange()))
+        return closing(GroundEnd(self.ground, plan, self.ground_address, Exchange()))
 
     def close(self) -> None:
         """Close the stores."""
