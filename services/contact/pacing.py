@@ -19,7 +19,7 @@ class Pacer:
         self._rate, self._credit, self._last_s = 0.0, 0.0, 0.0
 
     def set_rate(self, rate_bit_s: float) -> None:
-        """Use a share of the rate of the link, bit/s, from now on."""
+        """Set the rate of the link, bit/s."""
         self._rate = _SHARE * rate_bit_s / 8.0
 
     def update(self, now_s: float) -> None:
@@ -33,5 +33,5 @@ class Pacer:
         return self._credit > 0.0
 
     def spend(self, packet: bytes) -> None:
-        """Subtract the bytes of a sent packet; an urgent packet may exceed the credit, and the next ones wait."""
+        """Subtract the bytes of a sent packet; after an urgent packet without credit the next ones wait."""
         self._credit -= len(packet) + FRAME_BYTES
