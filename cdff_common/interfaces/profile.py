@@ -105,6 +105,8 @@ class DfpcEntry(StrictModel):
         ``dpm/{robot}/{product}``, a stored product of any robot, such as ``dpm/orbiter/dem``, read at
         activation and when a new one is stored. Alternatives are ``|``-separated; a plan selects one, the
         default is the first.
+    required_inputs : list of str
+        Ports of ``inputs`` that no plan omits: optional in the DFPC, but needed with these parameters.
     modes : mapping of sensor to mode
         Sensor modes required while active: a mode, alternatives (``nominal|fast``), or requirements
         (``ModeNeed``).
@@ -133,6 +135,7 @@ class DfpcEntry(StrictModel):
     implementations: tuple[str, ...] = ()
     parameters: dict[str, Any] = {}
     inputs: dict[Name, WiringText]
+    required_inputs: tuple[Name, ...] = ()
     modes: dict[Name, ModeNames | ModeNeed] = {}
     activation: Literal["on_request", "always"] = "on_request"
     linger_s: NonNegativeFloat = 30.0
@@ -226,6 +229,9 @@ class Robot(StrictModel):
                     raise ValueError(
                         f"{self.id}.{entry.name} needs mode {sensor}:{required}, which no sensor has"
                     )
+            if unknown_ports := set(entry.required_inputs) - entry.inputs.keys():
+                ports = ", ".join(sorted(unknown_ports))
+                raise ValueError(f"{self.id}.{entry.name} requires inputs without a source: {ports}")
             for port, wiring in entry.inputs.items():
                 for source in Wiring.parse(wiring).sources:
                     streams = self.sensors.get(source.owner, _NO_SENSOR).streams

@@ -113,7 +113,7 @@ def description_of(robot: Robot, entry: DfpcEntry, description: DfpcDescription)
             {
                 "port": p.attribute,
                 "type": p.type_name,
-                "optional": p.optional,
+                "optional": p.optional and p.attribute not in entry.required_inputs,
                 "source": entry.inputs.get(p.attribute, ""),
             }
             for p in description.input_ports

@@ -114,7 +114,7 @@ class JobPlan:
         is_other = isinstance(alternative, Plan) and not alternative.has_same_root(self.plan)
         if is_degraded or not is_other:
             alternative = self._select(match, self._excluded_now | {provider})
-        if isinstance(alternative, Plan) and (is_degraded or self._may_be_accurate(alternative)):
+        if isinstance(alternative, Plan) and self._may_be_accurate(alternative):
             self._alternative_since_ns = max(self.clock.now_ns(), match.candidate.t1_ns)
             if alternative.provider != provider:
                 self._excluded.add({provider}, self.job.timing.now_s())
@@ -203,9 +203,10 @@ class JobPlan:
                 reasons.append(reason)
             self._previous_failures[sensor] = count
         if progress.problems and not reasons:
-            # The problem may pass: the plan is replaced only if there is an alternative.
-            excluded = self._excluded_now | frozenset(progress.problems)
-            if isinstance(self._select(match, excluded), Plan):
+            # The problem may pass: the plan is replaced only if there is an alternative. A standing request
+            # prefers less accurate products to none.
+            alternative = self._select(match, self._excluded_now | frozenset(progress.problems))
+            if isinstance(alternative, Plan) and (self.is_standing or self._may_be_accurate(alternative)):
                 self._excluded.add(progress.problems, self.job.timing.now_s())
                 reasons += progress.problems.values()
         return list(dict.fromkeys(reasons))

@@ -27,7 +27,7 @@ from services.orchestrator.timing import REAL, Timing
 
 logger = logging.getLogger(__name__)
 
-#: Accuracy of the newest product, else the described one, of each implementation of the DFPCs of a product.
+#: Measured, else described accuracy of each implementation of the DFPCs of a product.
 Accuracies: TypeAlias = "dict[tuple[ProviderId, str], Accuracy]"
 
 
@@ -121,8 +121,9 @@ class RequestPlanner:
     def accuracies(self, request: ProductRequest, robots: Sequence[str], until_s: float) -> Accuracies:
         """Return the accuracy of each implementation of the DFPCs that provide the requested type.
 
-        It is that of its newest product, else the described one. It is empty for a request without bounds on
-        the accuracy, or if the DPM does not answer.
+        It is that of its newest product, else the described one. A DEGRADED product counts only while the
+        DFPC is active: its next activation may be under better conditions. The result is empty for a request
+        without bounds on the accuracy, or if the DPM does not answer.
         """
         known: Accuracies = {}
         if not request.accuracy.is_set:
@@ -133,7 +134,9 @@ class RequestPlanner:
             ):
                 measured = self.finder.accuracies(provider.id, request.product, until_s)
                 for choice in provider.choices:
-                    accuracy = measured.get(choice.implementation) or choice.accuracy
+                    accuracy = measured.get(choice.implementation)
+                    if accuracy is None or not (choice.active or accuracy.status == "OK"):
+                        accuracy = choice.accuracy
                     if accuracy is not None:
                         known[provider.id, choice.implementation] = accuracy
         except (UnavailableError, DeadlineError) as error:

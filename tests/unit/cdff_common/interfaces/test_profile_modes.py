@@ -88,3 +88,11 @@ def test_an_input_may_be_a_product_of_any_robot_in_the_dpm() -> None:
     assert entry.inputs == {"stereo": "dpm/orbiter/dem"}
     with pytest.raises(ValidationError, match="dpm/orbiter"):
         robot(inputs={"stereo": "dpm/orbiter"})
+
+
+def test_a_required_input_needs_a_source() -> None:
+    assert robot(required_inputs=["stereo"]).robots[0].dfpcs[0].required_inputs == ("stereo",)
+    with pytest.raises(
+        ValidationError, match=r"visual_odometry_sparse requires inputs without a source: mask"
+    ):
+        robot(required_inputs=["stereo", "mask"])

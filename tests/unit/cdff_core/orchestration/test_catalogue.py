@@ -10,12 +10,14 @@ from typing import Any
 import pytest
 
 from cdff_common.errors import InputError
-from cdff_common.interfaces.profile import Profile
+from cdff_common.interfaces.profile import Profile, load_profile
+from cdff_common.interfaces.registry import Registry
 from cdff_core.orchestration.accuracy import Accuracy
-from cdff_core.orchestration.catalogue import ResourceUsage, provider_of, world_of
+from cdff_core.orchestration.catalogue import ResourceUsage, description_of, provider_of, world_of
 from cdff_core.orchestration.leases import Leases
+from cdff_core.orchestration.planner import NoPlan, Plan, plan
 from cdff_core.orchestration.reconciliation import ObservedState
-from cdff_core.orchestration.world import ProviderId, SensorId
+from cdff_core.orchestration.world import ProviderId, SensorId, SensorState, World
 
 A, B, C, OTHER = (ProviderId(*x.split("/")) for x in ("mana/a", "mana/b", "mana/c", "minnie/a"))
 
@@ -182,3 +184,22 @@ def test_a_leased_sensor_can_be_taken_only_by_a_request_of_higher_priority() -> 
     assert leases.displaced("low") == {}
     leases.acquire("both", [], {sensor: "fast"}, accepts={sensor: ["slow", "fast"]}, priority=3)
     assert leases.held_mode(sensor) == "slow", "a single mode that satisfies both leases"
+
+
+@pytest.mark.parametrize("is_required", [False, True])
+def test_no_plan_omits_an_input_that_the_profile_requires(is_required: bool) -> None:
+    """Without the detections a tracker that does not search the body itself could never start."""
+    (servicer,) = load_profile("close_approach").robots
+    entry = servicer.dfpc("lidar_target_tracking")
+    entry = entry.model_copy(update={"required_inputs": ("detections",) if is_required else ()})
+    description = description_of(servicer, entry, Registry.default().dfpc(entry.name))
+    tracker = provider_of(description, alive=True, active=False)
+    lidar = SensorId("servicer", "lidar")
+    world = World({tracker.id: tracker}, {lidar: SensorState(lidar, {"nominal": True}, "nominal")})
+    selected = plan(world, "track", ["servicer"])
+    if is_required:
+        assert isinstance(selected, NoPlan)
+        assert "target_detection/detections" in selected.text
+    else:
+        assert isinstance(selected, Plan)
+        assert selected.omitted_inputs == ("servicer/lidar_target_tracking.detections",)

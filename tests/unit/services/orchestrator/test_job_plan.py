@@ -232,6 +232,24 @@ def test_a_problem_abandons_the_plan_only_for_an_alternative(journal: Journal, s
     assert plan.plan.provider == SECOND
 
 
+@pytest.mark.parametrize(
+    ("other_sigma_m", "every_s", "is_replaced"),
+    [(0.05, None, True), (0.2, None, False), (0.2, "2", True)],
+    ids=["an accurate alternative", "an inaccurate alternative", "a standing request"],
+)
+def test_a_problem_may_pass_so_that_a_plan_is_kept_if_the_alternative_is_not_accurate_enough(
+    journal: Journal, state: State, other_sigma_m: float, every_s: str | None, is_replaced: bool
+) -> None:
+    planner = Planner()
+    planner.known[SECOND, ""] = Accuracy(sigma_m=other_sigma_m)
+    standing: dict[str, Any] = {} if every_s is None else {"every_s": every_s}
+    plan = job_plan(journal, state, planner, max_sigma_m="0.1", **standing)
+    plan.make(None, "")
+    state.current = replace(NO_PROGRESS, problems={FIRST: "the target is out of reach"})
+    plan.follow(None)
+    assert (plan.plan is None) == is_replaced
+
+
 def test_a_degraded_product_of_the_plan_is_replaced_once(journal: Journal, state: State) -> None:
     plan = job_plan(journal, state)
     replace_if_insufficient(plan, match(101 * S, "DEGRADED"))
@@ -258,6 +276,19 @@ def test_a_degraded_product_without_an_alternative_does_not_end_the_plan(
     replace_if_insufficient(plan, match(101 * S, "DEGRADED"))
     assert state.held == [(FIRST, 7)]
     assert not plan.supersedes(match(101 * S, "DEGRADED"))
+
+
+def test_a_degraded_product_keeps_its_plan_if_the_other_is_known_to_be_worse(
+    journal: Journal, state: State
+) -> None:
+    planner = Planner()
+    planner.known[SECOND, ""] = Accuracy(sigma_m=80.0)
+    plan = job_plan(journal, state, planner, max_sigma_m="0.1")
+    plan.make(None, "")
+    first = match(101 * S, "DEGRADED")
+    inaccurate = replace(first.candidate, accuracy=Accuracy(sigma_m=6.0, status="DEGRADED"))
+    replace_if_insufficient(plan, replace(first, candidate=inaccurate))
+    assert state.held == [(FIRST, 7)]
 
 
 @pytest.mark.parametrize(("other_sigma_m", "is_replaced"), [(None, True), (0.05, True), (0.2, False)])

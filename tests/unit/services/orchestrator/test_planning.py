@@ -13,6 +13,7 @@ from cdff_common.clock import ManualClock
 from cdff_common.errors import FrameNotFoundError, UnavailableError
 from cdff_common.interfaces.profile import load_profile
 from cdff_core.orchestration.acceptance import Assessment, ProductCandidate
+from cdff_core.orchestration.accuracy import Accuracy
 from cdff_core.orchestration.coverage import RegionCoverage
 from cdff_core.orchestration.planner import Plan
 from cdff_core.orchestration.request import parse_request
@@ -62,13 +63,14 @@ class TwoMappers:
 
     def __init__(self, fine_m: float = 0.1) -> None:
         self.fine_m, self.running = fine_m, {FINE, COARSE}
+        self.changes: dict[str, Any] = {}  # fields of the providers
 
     def world(self, *, optimistic: bool = False, **_: object) -> World:
         return World(
             {
                 p: Provider(
                     p, {"dem": "dem"}, cost=cost, resolution_m=resolution_m,
-                    available=optimistic or p in self.running, unavailable_reason="it ended",
+                    available=optimistic or p in self.running, unavailable_reason="it ended", **self.changes,
                 )
                 for p, cost, resolution_m in ((FINE, 5.0, self.fine_m), (COARSE, 1.0, 0.5))
             }
@@ -212,3 +214,30 @@ def test_frames_are_known_by_the_profile_or_the_dpm_and_not_judged_without_it() 
         planner.check_frames(request(frame=frame), ("mana",), 0.0)
     with pytest.raises(FrameNotFoundError, match="nosuch"):
         planner.check_frames(request(frame="nosuch"), ("mana",), 0.0)
+
+
+class MeasuringFinder(StoredFinder):
+    """Finder double in which the DFPCs of the DPM's products have an accuracy."""
+
+    measured: Accuracy
+
+    def accuracies(self, *_: object) -> dict[str, Accuracy]:
+        return {"": self.measured}
+
+
+@pytest.mark.parametrize(
+    ("status", "is_active", "counts"),
+    [("OK", False, True), ("OK", True, True), ("DEGRADED", True, True), ("DEGRADED", False, False)],
+)
+def test_a_degraded_product_of_an_earlier_activation_is_not_the_accuracy_of_a_dfpc(
+    status: str, is_active: bool, counts: bool
+) -> None:
+    finder = MeasuringFinder()
+    finder.measured = Accuracy(sigma_m=6.0, status=status)
+    described = Accuracy(sigma_m=0.02)
+    state = TwoMappers()
+    state.changes = {"active": is_active, "accuracy": described}
+    planner = RequestPlanner(state, finder, ManualClock(0))  # type: ignore[arg-type]  # doubles
+    request = parse_request({"type": "dem", "robot": "mana", "max_sigma_m": "0.1"}, "mana")
+    known = planner.accuracies(request, ["mana"], 1.0)
+    assert known == dict.fromkeys(((FINE, ""), (COARSE, "")), finder.measured if counts else described)
