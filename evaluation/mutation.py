@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import itertools
 import json
-import random
 from collections import Counter
 from collections.abc import Callable, Iterator
+from hashlib import blake2b
 from pathlib import Path
 from typing import Any
 
@@ -113,10 +113,12 @@ def _part_of(root: Path, module: str) -> str:
 
 
 def _drawn(root: Path, files: list[str], seed: str) -> Iterator[Mutant]:
-    """Yield the valid mutants of files in random order."""
+    """Yield the valid mutants of files in an order that is random, and that a change of the code changes only
+    for the changed functions.
+    """
     sources = {name: (root / name).read_bytes() for name in files}
     candidates = [mutant for path, source in sources.items() for mutant in mutants(path, source)]
-    random.Random(seed).shuffle(candidates)
+    candidates.sort(key=lambda mutant: blake2b(f"{seed} {mutant.key}".encode()).digest())
     yield from (mutant for mutant in candidates if _is_valid(mutant, sources[mutant.path]))
 
 

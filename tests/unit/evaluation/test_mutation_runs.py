@@ -69,22 +69,39 @@ def commit(root: Path, files: dict[str, str]) -> None:
         subprocess.run(["git", *command], cwd=root, check=True)
 
 
-def test_an_outcome_holds_until_the_sources_or_its_tests_change(tmp_path: Path) -> None:
-    folders = ("cdff_common", "cdff_core", "cdff_dev", "dpm_store", "services", "evaluation", "tests/support")
-    files = [f"{folder}/a.py" for folder in folders]
-    commit(tmp_path, dict.fromkeys([*files, "tests/conftest.py", "tests/one.py", "tests/other.py"], "1"))
-    killed = {"outcome": "killed", "test": "tests/one.py::test_a"}
-    survived = {"outcome": "survived", "test": ""}
+def test_an_outcome_holds_until_its_sources_or_its_tests_change(tmp_path: Path) -> None:
+    folders = ("cdff_common", "cdff_core", "cdff_dev", "dpm_store", "services", "evaluation")
+    files = [f"{folder}/{name}.py" for folder in folders for name in "ab"]
+    commit(tmp_path, dict.fromkeys([*files, "tests/one.py", "tests/other.py"], "1"))
+    killed, survived = "cdff_core/a.py::f constant #1", "cdff_core/a.py::f constant #2"
     progress = MutationProgress(tmp_path)
-    progress.add("killed", killed)
-    progress.add("survived", survived)
-    assert MutationProgress(tmp_path).answer("killed") == killed
-    assert MutationProgress(tmp_path).answer("survived") == survived
+    progress.add(killed, {"outcome": "killed", "test": "tests/one.py::test_a"})
+    progress.add(survived, {"outcome": "survived", "test": ""})
+
+    def outcomes() -> list[str | None]:
+        progress = MutationProgress(tmp_path)
+        answers = (progress.answer(killed), progress.answer(survived))
+        return [None if answer is None else answer["outcome"] for answer in answers]
+
+    assert outcomes() == ["killed", "survived"]
     commit(tmp_path, {"tests/other.py": "2"})
-    assert MutationProgress(tmp_path).answer("killed") == killed
-    assert MutationProgress(tmp_path).answer("survived") is None
+    assert outcomes() == ["killed", None]
+    commit(tmp_path, {"cdff_core/b.py": "2"})
+    assert outcomes() == ["killed", None]
     commit(tmp_path, {"cdff_core/a.py": "2"})
-    assert MutationProgress(tmp_path).answer("killed") is None
+    assert outcomes() == [None, None]
+
+
+def test_killed_mutants_of_the_record_are_known(tmp_path: Path) -> None:
+    commit(tmp_path, {"cdff_core/a.py": "1", "tests/one.py": "1"})
+    key = "cdff_core/a.py::f constant #1"
+    answer = MutationProgress(tmp_path).add(key, {"outcome": "killed", "test": "tests/one.py::test_a"})
+    (tmp_path / "build" / "mutation.json").unlink()
+    row = {"part": "algorithms", "line": 1, "mutant": key, **answer}
+    record = {"figures": {"mutants": [row, {"mutant": "of an old record", "outcome": "killed", "test": ""}]}}
+    commit(tmp_path, {"docs/evaluation/mutation.json": json.dumps(record)})
+    assert MutationProgress(tmp_path).answer(key) == answer
+    assert MutationProgress(tmp_path).answer("of an old record") is None
 
 
 def test_uncommitted_changes_neither_use_nor_store_outcomes(
