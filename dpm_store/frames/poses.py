@@ -173,16 +173,18 @@ class PoseTable:
         frame: str,
         child: str | None = None,
         limit: int = 10_000,
+        thin: bool = False,
         view: HistoryView = LATEST,
     ) -> tuple[StampedPose, ...]:
         """Return the poses of a robot in a frame, in time order; ``child`` defaults to ``{robot}/base``.
 
-        Poses in a frame that no fixed edges connect with ``frame`` are left out.
+        Poses in a frame that no fixed edges connect with ``frame`` are left out. If there are more than
+        ``limit`` and ``thin`` is set, the result has every k-th pose and the last.
 
         Raises
         ------
         InputError
-            If there are more than ``limit``.
+            If there are more than ``limit`` and ``thin`` is not set.
         """
         p = schema.poses.c
         child = child or f"{robot}/base"
@@ -191,12 +193,21 @@ class PoseTable:
             statement = statement.where(p.stamp_ns >= t0_ns)
         if t1_ns is not None:
             statement = statement.where(p.stamp_ns <= t1_ns)
+        order = (p.stamp_ns, p.source, p.ordinal)
         with self._database.read() as connection:
-            rows = connection.execute(
-                statement.order_by(p.stamp_ns, p.source, p.ordinal).limit(limit + 1)
-            ).all()
+            rows = connection.execute(statement.order_by(*order).limit(limit + 1)).all()
+            if thin and len(rows) > limit:
+                number = func.row_number().over(order_by=order).label("number")
+                count = connection.execute(
+                    select(func.count()).select_from(statement.subquery())
+                ).scalar_one()
+                step = -(-count // limit)
+                numbered = statement.add_columns(number).subquery()
+                n = numbered.c.number
+                sampled = select(numbered).where(((n - 1) % step == 0) | (n == count)).order_by(n)
+                rows = connection.execute(sampled).all()
             tree = self._frames.tree(view, connection=connection)
-        if len(rows) > limit:
+        if len(rows) > limit and not thin:
             raise InputError(f"more than {limit} poses of {robot} in that span; narrow t0 and t1")
         first: dict[tuple[int, str, str], StampedPose] = {}
         for row in rows:

@@ -12,6 +12,7 @@ import shutil
 import subprocess
 import sys
 import time
+import zlib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -28,7 +29,7 @@ from services.dpm.http.context import Context
 from services.dpm.http.server import HttpServer
 from services.dpm.operations.dpm import Dpm
 from services.dpm.settings import Settings
-from tests.support.dpm_products import S, bearing_track, cloud, elevation, pose, put_arguments
+from tests.support.dpm_products import S, bearing_track, cloud, elevation, pose, pose_track, put_arguments
 
 pytestmark = pytest.mark.integration
 
@@ -514,3 +515,132 @@ def test_tracked_objects_are_drawn_as_plots_and_the_range_from_when_it_is_known(
             first, last = (float(word) for word in browser.value(azimuth).split() if word[0].isdigit())
             assert 3.8 < last - first < 4.2
             assert browser.value("document.documentElement.scrollWidth <= window.innerWidth")
+
+
+#: A job of each state and form of region, as the orchestrator lists them.
+JOBS = {
+    "jobs": [
+        {"state": "waiting", "region": "circle:3,1,2", "type": "dem"},
+        {"state": "waiting", "region": "box:0,0,-1,2,1,1", "type": "pointcloud"},
+        {"state": "planning", "region": "path:0.5,0,0,4,0,4,3", "type": "dem"},
+        {"state": "waiting", "region": "near:mana/base,5", "type": "dem"},
+        {"state": "waiting", "region": "bbox:0,0,1,1", "region_frame": "mana/base", "type": "dem"},
+        {"state": "done", "region": "polygon:0,0,1,0,1,1", "type": "navigation_map"},
+        {"state": "waiting", "region": "circle:0,0,1", "region_frame": "elsewhere", "type": "dem"},
+        {"state": "waiting", "region": None, "type": "pose"},
+    ],
+    "scheduled": [{"state": "scheduled", "region": "circle:-3,-1,1", "type": "dem"}],
+}
+
+
+def test_goals_of_requests_are_drawn_with_their_state_in_the_frame_of_the_map(page: Browser) -> None:
+    """The robot is at x = 2 m; a request in the frame of the robot moves with it."""
+    jobs = {
+        name: [
+            {
+                "job": str(i),
+                "state": job["state"],
+                "accepted_ns": "0",
+                "request": {"robot": "mana", "frame": "site", "region_frame": None} | job,
+            }
+            for i, job in enumerate(listed)
+        ]
+        for name, listed in JOBS.items()
+    }
+    page.value(f"""(() => {{
+      window.realFetch = window.fetch;
+      window.fetch = async (path, options) => path === 'api/v1/requests'
+        ? new Response(JSON.stringify({json.dumps(jobs)}), {{ status: 200 }})
+        : window.realFetch(path, options);
+      look(1, 1, 17);
+      readOverlay();
+    }})()""")
+    try:
+        page.eventually("document.querySelectorAll('#map .goal').length === 7")
+        assert page.value("document.querySelectorAll('#map .goal.open').length") == 6
+        assert page.value("document.querySelectorAll('#map .goal.open .goal-mark').length") == 6
+        assert page.value("document.querySelector('#map .goal.ended').dataset.state") == "done"
+        assert page.value("document.querySelectorAll('#map .goal.ended .goal-mark').length") == 0
+        texts = page.value("[...document.querySelectorAll('#map .goal text')].map((t) => t.textContent)")
+        assert sorted(texts) == [
+            "dem of mana, planning",
+            "dem of mana, scheduled",
+            "dem of mana, waiting",
+            "dem of mana, waiting",
+            "dem of mana, waiting",
+            "pointcloud of mana, waiting",
+        ]
+        circles = page.value(
+            "[...document.querySelectorAll('#map .goal circle')].map((c) => "
+            "[+c.getAttribute('cx') - view().clientWidth / 2, "
+            "view().clientHeight / 2 - c.getAttribute('cy'), "
+            "+c.getAttribute('r')].map((px) => +(px * cell()).toFixed(3)))"
+        )
+        # Middle relative to that of the map, and radius, metres
+        assert sorted(circles) == [[-4.0, -2.0, 1.0], [1.0, -1.0, 5.0], [2.0, 0.0, 2.0]]
+        corridor = "document.querySelector('#map .request-corridor')"
+        assert page.value(f"+{corridor}.getAttribute('stroke-width')") == pytest.approx(10.0)
+        moved = "[...document.querySelectorAll('#map .goal polygon')].map((p) => p.getAttribute('points'))"
+        (corner,) = page.value("[[2, 0]].map((p) => pixel(p).map((v) => v.toFixed(1)).join(','))")
+        assert [corner in points.split(" ")[:1] for points in page.value(moved)].count(True) == 1
+    finally:
+        page.value("window.fetch = window.realFetch; readOverlay()")
+    page.eventually("document.querySelectorAll('#map .goal').length === 0")
+
+
+def test_tracked_objects_are_on_the_map_and_in_the_list_with_the_errors_of_their_positions(
+    tmp_path: Path,
+) -> None:
+    """A track in the frame of the robot, which is at x = 2 m and then at x = 3 m."""
+    with open_store(f"sqlite:///{tmp_path / 'store'}", ManualClock(100 * S)) as store:
+        dpm = Dpm(store)
+        dpm.writer.put(*put_arguments(elevation(0.0), "dem", 1, resolution_m=0.1))
+        for second in (2, 3):
+            dpm.writer.put(*put_arguments(pose(second, float(second)), "pose", second, child="mana/base"))
+            track = pose_track([second], [[1.0, 1.0, 0.0]], frame="mana/base")
+            dpm.writer.put(*put_arguments(track, "track", second, frame="mana/base"))
+        context = Context(dpm, Settings(store.directory, port=0))
+        with HttpServer(context) as server, open_page(server.port, tmp_path / "browser") as browser:
+            browser.eventually("document.querySelectorAll('#map .track').length === 1")
+            browser.value("look(4, 1, 17)")
+            browser.eventually("document.getElementById('map-scale').innerText.includes('10 cm')")
+            path = "document.querySelector('#map .track .path').getAttribute('points').split(' ')"
+            xs = browser.value(f"{path}.map((p) => +p.split(',')[0] - view().clientWidth / 2)")
+            assert xs == pytest.approx([-10.0, 0.0], abs=0.1)
+            assert (
+                browser.value("document.querySelector('#map .track text').textContent")
+                == "boulder, confirmed"
+            )
+            # Variances in site: x 0.04 + 0.01 + 0.01, y 0.09 + 0.01 + 0.01, covariance -0.01 m²
+            ellipse = "document.querySelector('#map .track .error-ellipse')"
+            axes = browser.value(
+                f"['rx', 'ry'].map((name) => +{ellipse}.getAttribute(name) * cell() / SIGMAS)"
+            )
+            assert axes == pytest.approx([0.3343, 0.2413], abs=1e-3)
+            # In the list, positions are in the frame of the track.
+            text = browser.value("document.querySelector('.plot .numbers').innerText")
+            assert text == "x 1.00 ± 0.20 y 1.00 ± 0.30 z 0.00 ± 0.20 m in mana/base"
+            quantities = "[...document.querySelectorAll('.plot svg')].map((s) => s.dataset.quantity).join()"
+            assert browser.value(quantities) == "x,y,z"
+            # A time between the two states shows the first.
+            browser.value("map.timeMs = 2500; drawOverlay()")
+            assert browser.value(f"{path}.length") == 1
+            for width in (360, 2560):
+                browser.send(
+                    "Emulation.setDeviceMetricsOverride",
+                    width=width,
+                    height=800,
+                    deviceScaleFactor=1,
+                    mobile=False,
+                )
+                browser.eventually(f"innerWidth === {width}")
+                assert browser.value("document.documentElement.scrollWidth") <= width
+
+
+def test_the_scripts_of_the_page_are_small_and_run_under_a_policy_without_exceptions(page: Browser) -> None:
+    answer = page.value("fetch('/').then((a) => a.headers.get('Content-Security-Policy'))")
+    assert "unsafe" not in answer
+    assert "default-src 'none'" in answer or "default-src 'self'" in answer
+    files = Path(__file__).parents[2] / "services" / "dpm" / "http" / "static"
+    sizes = [len(zlib.compress(file.read_bytes(), 6)) for file in files.iterdir()]
+    assert sum(sizes) < 250_000

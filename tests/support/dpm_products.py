@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -84,6 +85,23 @@ def bearing_track(
         pixel=[10.0, 20.0],
         pixel_sigma=[0.1, 0.1],
         label="target",
+    )
+
+
+def pose_track(
+    seconds: Sequence[int], positions_m: Sequence[Sequence[float]], frame: str, track_id: int = 1
+) -> ObjectTrack:
+    """Return the track of an object with variances of its position of 0.04, 0.09 and 0.04 m2."""
+    matrices = [se3.transform(np.eye(3), position_m) for position_m in positions_m]
+    covariance = np.diag([0.04, 0.09, 0.04, 0.01, 0.01, 0.01])
+    return ObjectTrack.from_arrays(
+        track_id,
+        [second * S for second in seconds],
+        matrices,
+        frame=frame,
+        label="boulder",
+        status=1,
+        covariances=[covariance] * len(matrices),
     )
 
 

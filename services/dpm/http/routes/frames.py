@@ -10,7 +10,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Query
 from pydantic import Field
 
-from cdff_common.contract.parameters import Frame, Number, Stamp, Whole
+from cdff_common.contract.parameters import Flag, Frame, Number, Stamp, Whole
 from cdff_common.contract.queries import HistoryViewParameters
 from cdff_common.errors import InputError
 from services.dpm.http.context import Ctx, jsonable
@@ -62,7 +62,7 @@ def revise(context: Ctx, frame: str, body: Revision) -> Any:
 
 
 class PoseSeriesParameters(HistoryViewParameters):
-    """One pose at ``t``, or the poses of a span."""
+    """One pose at ``t``, the newest one, or the poses of a span."""
 
     robot: Annotated[str, Field(max_length=64, description="Robot id")]
     t0: Stamp | None = Field(None, description="Start of the span: nanoseconds or RFC 3339")
@@ -70,7 +70,9 @@ class PoseSeriesParameters(HistoryViewParameters):
     t: Stamp | None = Field(None, description="Time of one pose")
     frame: Frame = Field("site", description="Parent frame")
     child: Frame | None = Field(None, description="Child frame; default: the robot's base")
+    newest: Flag = Field(False, description="Only the newest pose, composed over all moving frames")
     limit: Annotated[Whole, Field(ge=1, le=10_000)] = Field(1000, description="Largest number of poses")
+    thin: Flag = Field(False, description="Every k-th pose and the last, if there are more than limit")
     limit_s: Annotated[Number, Field(ge=0, le=3600)] | None = Field(
         None, description="Largest extrapolation, seconds"
     )
@@ -78,17 +80,17 @@ class PoseSeriesParameters(HistoryViewParameters):
 
 @router.get("/poses", response_model=Items[Pose])
 def poses(context: Ctx, parameters: Annotated[PoseSeriesParameters, Query()]) -> dict[str, Any]:
-    """Return the poses of a robot's base (or of ``child``) in ``frame``: those of a span, or the interpolated
-    one at ``t``.
+    """Return the poses of a robot's base (or of ``child``) in ``frame``: those of a span, the newest one, or
+    the interpolated one at ``t``.
     """
     p, view = parameters, history_view(parameters)
     child = p.child or f"{p.robot}/base"
-    if p.t is not None:
-        if p.t0 is not None or p.t1 is not None:
-            raise InputError("t asks for one pose, t0 and t1 for a span: give one of the two")
+    if p.t is not None or p.newest:
+        if p.t0 is not None or p.t1 is not None or (p.newest and p.t is not None):
+            raise InputError("t and newest ask for one pose, t0 and t1 for a span: give one of the three")
         pose = context.dpm.frames.pose(p.frame, child, p.t, robot=p.robot, limit_s=p.limit_s, view=view)
         return {"items": [jsonable(pose)]}
     series = context.dpm.store.poses.series(
-        p.robot, p.t0, p.t1, frame=p.frame, child=child, limit=p.limit, view=view
+        p.robot, p.t0, p.t1, frame=p.frame, child=child, limit=p.limit, thin=p.thin, view=view
     )
     return {"items": jsonable([pose.to_dict() for pose in series])}

@@ -19,6 +19,7 @@ _FILES = frozenset(
         "style.css",
         "app.js",
         "map.js",
+        "goals.js",
         "overlay.js",
         "request_form.js",
         "tracks.js",

@@ -1,14 +1,16 @@
 // SPDX-FileCopyrightText: 2026 the CDFF contributors
 // SPDX-License-Identifier: BSD-3-Clause
-// Over the map: robots with their paths and position errors, outlines of maps, regions of requests, scale bar, north,
-// colours of the layer, and the time of the maps.
+// Over the map: robots and tracked objects with their paths and position errors, outlines of maps, scale bar, north, colours
+// of the layer, and the time of the maps.
 "use strict";
 
 /** Poses of a path, outlines of maps, and standard deviations of an ellipse that are drawn. */
 const [MOST_POSES, MOST_OUTLINES, SIGMAS] = [2000, 200, 3];
+/** States of all tracked objects that are drawn. */
+const MOST_STATES = 200;
 /** Pause before the overlay of a frame is read again. */
 const PAUSE_MS = 1000;
-const overlay = { robots: [], outlines: [], requests: [], north: null, read: 0, span: null };
+const overlay = { robots: [], tracks: [], outlines: [], goals: [], north: null, read: 0, span: null };
 
 function shape(name, attributes, ...children) {
   const element = document.createElementNS("http://www.w3.org/2000/svg", name);
@@ -36,9 +38,10 @@ async function readOverlay() {
   const mine = overlay.read += 1;
   const frame = encodeURIComponent(map.frame);
   const part = (path) => ask(path).catch(() => null);
-  const [known, place, jobs] = await Promise.all([part("api/v1/robots"), part(`api/v1/places/${frame}`), part("api/v1/requests")]);
+  const [known, place, tracked, goals] = await Promise.all([part("api/v1/robots"), part(`api/v1/places/${frame}`),
+    part(`api/v1/tracks?limit=${MOST_STATES}&position_frame=${frame}`), readGoals(map.frame)]);
   const robots = await Promise.all((known?.items || []).map(async ({ id }) => {
-    const series = await part(`api/v1/poses?robot=${encodeURIComponent(id)}&frame=${frame}&limit=${MOST_POSES}`);
+    const series = await part(`api/v1/poses?robot=${encodeURIComponent(id)}&frame=${frame}&limit=${MOST_POSES}&thin=true`);
     return { id, poses: series?.items || [] };
   }));
   const filter = encodeURIComponent(`frame = '${map.frame}'`);
@@ -46,44 +49,47 @@ async function readOverlay() {
   if (mine !== overlay.read) return;
   overlay.robots = robots.filter(({ poses }) => poses.length);
   overlay.north = place?.anchor ? place.anchor.azimuth_deg : null;
-  overlay.requests = (jobs?.jobs || []).map((job) => ({ ...job.request, state: job.state }))
-    .filter((request) => request.region && (request.region_frame || request.frame || "site") === map.frame);
+  overlay.tracks = tracked?.items || [];
+  overlay.goals = goals;
   overlay.outlines = (items?.features || []).map((feature) => feature.properties.outline_m).filter(Boolean).flatMap(rings);
   drawOverlay();
 }
 
+/** The ellipse of a position error around a point of the map. */
+function drawError(into, covariance, [x, y]) {
+  const { a, b, angle } = ellipseOf(covariance);
+  const turn = `translate(${x} ${y}) rotate(${-angle * 180 / Math.PI})`;
+  into.append(shape("ellipse", { class: "error-ellipse", rx: SIGMAS * a / cell(), ry: SIGMAS * b / cell(), transform: turn },
+    shape("title", {}, `${SIGMAS} σ: ${metres(SIGMAS * a)} m × ${metres(SIGMAS * b)} m`)));
+}
+
+/** Those of the states in the order of time that are not later than the time of the map. */
+const until = (states) => (map.timeMs === null ? states : states.filter((state) => Number(state.stamp_ns) / 1e6 <= map.timeMs));
+
 function drawRobot(into, { id, poses }) {
-  const until = map.timeMs === null ? poses : poses.filter((pose) => Number(pose.stamp_ns) / 1e6 <= map.timeMs);
-  if (!until.length) return;
-  const last = until[until.length - 1];
-  into.append(shape("polyline", { class: "path", points: line(until.map(({ T }) => [T[0][3], T[1][3]])) }));
+  const known = until(poses);
+  if (!known.length) return;
+  const last = known[known.length - 1];
+  into.append(shape("polyline", { class: "path", points: line(known.map(({ T }) => [T[0][3], T[1][3]])) }));
   const [x, y] = pixel([last.T[0][3], last.T[1][3]]);
-  if (last.covariance) {
-    const { a, b, angle } = ellipseOf(last.covariance);
-    const turn = `translate(${x} ${y}) rotate(${-angle * 180 / Math.PI})`;
-    into.append(shape("ellipse", { class: "error-ellipse", rx: SIGMAS * a / cell(), ry: SIGMAS * b / cell(), transform: turn },
-      shape("title", {}, `${SIGMAS} σ: ${metres(SIGMAS * a)} m × ${metres(SIGMAS * b)} m`)));
-  }
+  if (last.covariance) drawError(into, last.covariance, [x, y]);
   const heading = -Math.atan2(last.T[1][0], last.T[0][0]) * 180 / Math.PI;
   into.append(shape("path", { class: "robot-mark", d: "M9 0 L-6 6 L-3 0 L-6 -6 Z", transform: `translate(${x} ${y}) rotate(${heading})` }));
   into.append(shape("text", { x: x + 10, y: y - 8 }, id));
 }
 
-function drawRegion(into, { region, state }) {
-  const [kind, text] = region.split(":");
-  const numbers = (text || "").split(",").map(Number);
-  const attributes = { class: "request-region" };
-  const title = shape("title", {}, `request, ${state || ""}`);
-  if (kind === "circle") {
-    const [cx, cy] = pixel(numbers);
-    into.append(shape("circle", { ...attributes, cx, cy, r: numbers[2] / cell() }, title));
-  } else if (kind === "bbox") {
-    const [x0, y0, x1, y1] = numbers;
-    into.append(shape("polygon", { ...attributes, points: line([[x0, y0], [x1, y0], [x1, y1], [x0, y1]]) }, title));
-  } else if (kind === "polygon") {
-    const corners = numbers.filter((_, i) => i % 2 === 0).map((x, i) => [x, numbers[2 * i + 1]]);
-    into.append(shape("polygon", { ...attributes, points: line(corners) }, title));
-  }
+/** A tracked object: its path, and a square at its last position, hollow if the position was predicted. */
+function drawTrack(into, { id, label, robot, states }) {
+  const known = until(states).filter((state) => state.position_m !== null);
+  if (!known.length) return;
+  const last = known[known.length - 1];
+  const group = shape("g", { class: "track", "data-object": `${robot}/${id}` });
+  group.append(shape("polyline", { class: "path", points: line(known.map((state) => state.position_m)) }));
+  const [x, y] = pixel(last.position_m);
+  if (last.position_covariance) drawError(group, last.position_covariance, [x, y]);
+  group.append(shape("rect", { class: `track-mark ${last.status}`, x: x - 5, y: y - 5, width: 10, height: 10 }));
+  group.append(shape("text", { x: x + 9, y: y + 14 }, `${label || `object ${id}`}, ${last.status}`));
+  into.append(group);
 }
 
 /** A bar of 1, 2 or 5 times a power of ten, at most a fifth of the map or 60 pixels. */
@@ -113,7 +119,8 @@ function drawOverlay() {
   }
   svg.replaceChildren();
   if (byId("map-outlines").checked) for (const ring of overlay.outlines) svg.append(shape("polygon", { class: "outline", points: line(ring) }));
-  for (const request of overlay.requests) drawRegion(svg, request);
+  for (const goal of overlay.goals) drawGoal(svg, goal);
+  for (const track of overlay.tracks) drawTrack(svg, track);
   for (const robot of overlay.robots) drawRobot(svg, robot);
   drawScale(svg);
   drawNorth(svg);

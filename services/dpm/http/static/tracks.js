@@ -1,6 +1,6 @@
 // SPDX-FileCopyrightText: 2026 the CDFF contributors
 // SPDX-License-Identifier: BSD-3-Clause
-// Tracked objects of the operators' page: directions and ranges over time, each with one standard deviation.
+// Tracked objects of the operators' page: directions and ranges, or positions, over time, each with one standard deviation.
 "use strict";
 
 const SVG = "http://www.w3.org/2000/svg";
@@ -13,6 +13,8 @@ const QUANTITIES = [
   ["elevation", "°", DEGREES, "elevation_rad", "sigma_elevation_rad"],
   ["range", "m", 1, "range_m", "sigma_range_m"],
 ];
+/** Those of objects without directions. */
+const POSITIONS = ["x", "y", "z"].map((axis) => [axis, "m", 1, `${axis}_m`, `sigma_${axis}_m`]);
 
 function draws(tag, attributes, text) {
   const element = document.createElementNS(SVG, tag);
@@ -63,12 +65,31 @@ function plot(states, [title, unit, factor, name, sigmaName]) {
   return svg;
 }
 
+/** A state with the coordinates of its position and their standard deviations. */
+function withCoordinates(state) {
+  const coordinates = POSITIONS.flatMap(([, , , name, sigmaName], i) => [[name, state.position_m?.[i] ?? null],
+    [sigmaName, state.position_covariance ? Math.sqrt(state.position_covariance[i][i]) : null]]);
+  return { ...state, ...Object.fromEntries(coordinates) };
+}
+
+/** The last known position in words, each coordinate with its standard deviation if it is known. */
+function positionText({ states, position_frame: frame }) {
+  const last = states.map(withCoordinates).findLast((state) => state.position_m !== null);
+  if (!last) return "";
+  const coordinates = POSITIONS.map(([axis, , , name, sigmaName]) =>
+    `${axis} ${metres(last[name])}${last[sigmaName] === null ? "" : ` ± ${metres(last[sigmaName])}`}`);
+  return `${coordinates.join("  ")} m in ${frame}`;
+}
+
 function objectPlots(object) {
   const last = object.states.at(-1);
-  const plots = QUANTITIES.map((quantity) => plot(object.states, quantity)).filter((drawn) => drawn !== null);
+  const states = object.states.map(withCoordinates);
+  const quantities = states.some((state) => state.azimuth_rad !== null) ? QUANTITIES : POSITIONS;
+  const plots = quantities.map((quantity) => plot(states, quantity)).filter((drawn) => drawn !== null);
   const name = object.label || `object ${object.id}`;
   return make("article", { class: "plot" },
     make("h3", null, `${name} (${object.id}) of ${object.robot}`, badge(last.status)), ...plots,
+    make("p", { class: "numbers" }, positionText(object)),
     make("p", { class: "note" }, `${object.states.length} states to ${time(last.stamp_ns)}${last.reasons.length ? `: ${last.reasons.join(", ")}` : ""}`));
 }
 

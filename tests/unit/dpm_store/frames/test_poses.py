@@ -90,6 +90,8 @@ def test_a_series_has_the_poses_of_an_interval(store: Store) -> None:
     assert [p.stamp_ns for p in series] == [1 * S, 2 * S, 3 * S]
     with pytest.raises(InputError, match="more than 2"):
         store.poses.series("mana", limit=2, frame="site")
+    thinned = store.poses.series("mana", limit=2, thin=True, frame="site")
+    assert [p.stamp_ns for p in thinned] == [0, 3 * S, 4 * S]  # every third and the last
     (track,) = store.poses.tracks("mana")
     assert (track.t0_ns, track.t1_ns, track.count) == (0, 4 * S, 5)
 

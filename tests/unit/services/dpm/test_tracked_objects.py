@@ -10,10 +10,10 @@ from fastapi.testclient import TestClient
 
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.interfaces.profile import Profile
-from cdff_common.types import TransformWithCovariance
+from cdff_common.types import ObjectTrack, TransformWithCovariance
 from services.dpm.operations.dpm import Dpm
 from services.dpm.operations.profile_entry import enter
-from tests.support.dpm_products import S, bearing_track, put_arguments
+from tests.support.dpm_products import S, bearing_track, pose, pose_track, put_arguments
 
 
 def test_states_are_grouped_by_object_in_the_order_of_time(http: TestClient, dpm: Dpm) -> None:
@@ -73,3 +73,58 @@ def test_the_frame_of_a_client_is_found_relative_to_the_servicer(http: TestClien
     assert [row[3] for row in pose["T"]][:3] == pytest.approx([99.0, 0.0, 0.0])
     frames = http.get("/api/v1/frames").json()["tracks"]
     assert [(t["child"], t["parent"]) for t in frames] == [("client/body", "servicer/far_camera")]
+
+
+def test_positions_are_listed_with_their_covariances_in_the_frame_that_is_asked_for(
+    http: TestClient, dpm: Dpm
+) -> None:
+    """The robot is at x = 2 m with a variance of 0.01 per axis; the object is 3 m ahead of it."""
+    dpm.writer.put(*put_arguments(pose(2, 2.0), "pose", 2, child="mana/base"))
+    track = pose_track([1, 2], [[4.0, 0.0, 0.0], [3.0, 0.0, 0.0]], frame="mana/base")
+    dpm.writer.put(*put_arguments(track, "track", 2, frame="mana/base"))
+    (item,) = http.get("/api/v1/tracks").json()["items"]
+    assert (item["frame"], item["position_frame"], item["dfpc"]) == ("mana/base", "mana/base", "test")
+    assert [s["position_m"][0] for s in item["states"]] == [4.0, 3.0]
+    assert {s["azimuth_rad"] for s in item["states"]} == {None}
+    (item,) = http.get("/api/v1/tracks", params={"position_frame": "site"}).json()["items"]
+    assert item["position_frame"] == "site"
+    earlier, last = item["states"]
+    assert earlier["position_m"] is None  # no pose of the robot is known a second earlier
+    assert last["position_m"] == pytest.approx([5.0, 0.0, 0.0])
+    # The rotation error of the robot moves the object across the direction to it: 0.04 + 0.01 + 3² · 0.01.
+    assert np.diag(last["position_covariance"]) == pytest.approx([0.05, 0.1 + 0.09, 0.05 + 0.09])
+    (item,) = http.get("/api/v1/tracks", params={"position_frame": "minnie/base"}).json()["items"]
+    assert {s["position_m"] is None for s in item["states"]} == {True}
+
+
+def test_states_that_several_products_of_a_track_repeat_are_listed_once(http: TestClient, dpm: Dpm) -> None:
+    for second in (2, 3):
+        stamps = [second - 1, second]
+        track = pose_track(stamps, [[float(s), 0.0, 0.0] for s in stamps], frame="site")
+        dpm.writer.put(*put_arguments(track, "track", second))
+    (item,) = http.get("/api/v1/tracks").json()["items"]
+    assert [s["stamp_ns"] for s in item["states"]] == [str(k * S) for k in (1, 2, 3)]
+    (newest,) = http.get("/api/v1/tracks", params={"limit": "2"}).json()["items"]
+    assert [s["stamp_ns"] for s in newest["states"]] == [str(k * S) for k in (2, 3)]
+
+
+def test_a_track_without_a_covariance_has_positions_of_unknown_error(http: TestClient, dpm: Dpm) -> None:
+    track = ObjectTrack.from_arrays(1, [S], [np.eye(4)], frame="site")
+    dpm.writer.put(*put_arguments(track, "track", 1))
+    (item,) = http.get("/api/v1/tracks").json()["items"]
+    (state,) = item["states"]
+    assert (state["position_m"], state["position_covariance"]) == ([0.0, 0.0, 0.0], None)
+
+
+def test_the_newest_pose_and_a_thinned_path_are_returned_however_many_poses_there_are(
+    http: TestClient, dpm: Dpm
+) -> None:
+    for second in range(5):
+        dpm.writer.put(*put_arguments(pose(second, float(second)), "pose", second, child="mana/base"))
+    ask = {"robot": "mana", "limit": "2"}
+    assert http.get("/api/v1/poses", params=ask).status_code == 422
+    thinned = http.get("/api/v1/poses", params=ask | {"thin": "true"}).json()["items"]
+    assert [pose["T"][0][3] for pose in thinned] == [0.0, 3.0, 4.0]
+    (newest,) = http.get("/api/v1/poses", params=ask | {"newest": "true"}).json()["items"]
+    assert newest["T"][0][3] == 4.0
+    assert http.get("/api/v1/poses", params=ask | {"newest": "true", "t": "0"}).status_code == 422
