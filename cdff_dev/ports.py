@@ -17,6 +17,14 @@ def free_port() -> int:
         return port
 
 
+def free_udp_port() -> int:
+    """Return a UDP port of the loopback interface that is currently free."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+        return port
+
+
 def split_address(address: str, what: str = "address") -> tuple[str, int]:
     """Return host and port of ``host:port`` or ``tcp/host:port``.
 

@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Annotated, Self
@@ -76,22 +75,27 @@ class ContactPlan(StrictModel):
     @model_validator(mode="after")
     def _check(self) -> Self:
         for robot in {window.robot for window in self.windows}:
-            windows = list(self._of(robot))
+            windows = self.of(robot)
             for first, second in itertools.pairwise(windows):
                 if second.start < first.end:
                     raise ValueError(f"windows of {robot} overlap: {first.end} is after {second.start}")
         return self
 
-    def _of(self, robot: str) -> Iterator[ContactWindow]:
-        yield from sorted((w for w in self.windows if w.robot == robot), key=lambda w: w.start)
+    def of(self, robot: str) -> list[ContactWindow]:
+        """Return the windows of a robot in order."""
+        return sorted((w for w in self.windows if w.robot == robot), key=lambda w: w.start)
 
     def current(self, robot: str, now_ns: int) -> ContactWindow | None:
         """Return the window of a robot at a time; None out of contact."""
-        return next((w for w in self._of(robot) if w.start_ns <= now_ns < w.end_ns), None)
+        return next((w for w in self.of(robot) if w.start_ns <= now_ns < w.end_ns), None)
+
+    def nearest(self, robot: str, now_ns: int) -> ContactWindow | None:
+        """Return the window of a robot at a time, or the one that is least distant from it."""
+        return min(self.of(robot), key=lambda w: max(w.start_ns - now_ns, now_ns - w.end_ns, 0), default=None)
 
     def after(self, robot: str, now_ns: int) -> list[ContactWindow]:
         """Return the windows of a robot that have not ended, in order."""
-        return [w for w in self._of(robot) if w.end_ns > now_ns]
+        return [w for w in self.of(robot) if w.end_ns > now_ns]
 
 
 def load_contact_plan(path: Path) -> ContactPlan:

@@ -100,6 +100,7 @@ class SimulatedLink:
         self._waiting: list[tuple[float, int, bytes, socket.socket, bool]] = []
         self._numbers = itertools.count()
         self._ended, self._is_cut = threading.Event(), threading.Event()
+        self._is_up_cut = threading.Event()
         self._start_s = time.monotonic()
         self._thread = threading.Thread(target=self._run, name="simulated link", daemon=True)
 
@@ -120,9 +121,14 @@ class SimulatedLink:
         """Lose every datagram from now on."""
         self._is_cut.set()
 
+    def cut_up(self) -> None:
+        """Lose every datagram to the robots from now on."""
+        self._is_up_cut.set()
+
     def restore(self) -> None:
         """Pass datagrams again."""
         self._is_cut.clear()
+        self._is_up_cut.clear()
 
     def is_out(self, now_s: float) -> bool:
         """Return whether the link is interrupted at a monotonic time."""
@@ -147,7 +153,7 @@ class SimulatedLink:
         if is_down and address not in self._robots:
             self._add(address)
         draw = self._random.random()
-        if self.is_out(now_s):
+        if self.is_out(now_s) or (self._is_up_cut.is_set() and not is_down):
             return
         arrival_s = (self.down if is_down else self.up).arrival_s(len(data), now_s, draw)
         if arrival_s is not None:

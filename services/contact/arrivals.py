@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import hashlib
 import logging
+import threading
 from collections import Counter
 from dataclasses import dataclass
 from typing import Any
@@ -14,6 +15,7 @@ from cdff_common.clock import monotonic_s
 from cdff_common.codecs import encoding_string
 from cdff_common.errors import (
     CdffError,
+    ClockSkewError,
     CodecError,
     FrameNotFoundError,
     InputError,
@@ -23,7 +25,7 @@ from cdff_common.errors import (
 from dpm_store.exchange.ledger import AnnouncedRow, Ledger
 from dpm_store.history.events import Actor, acting
 from dpm_store.products.records import NAMES
-from services.alarms import Severity
+from services.contact.conditions import ExchangeAlarms
 from services.contact.packets import Item, ReceivedRecord, item_of, unpack_events
 from services.dpm.operations.dpm import Dpm
 from services.dpm.queries.bodies import FrameRevisionBody
@@ -32,7 +34,8 @@ logger = logging.getLogger(__name__)
 
 #: Time between attempts to store products that the store cannot take now.
 _RETRY_S = 5.0
-_ALARM = "contact_refused"
+#: Bytes of products that wait for the store, beyond which further packets are ignored.
+_MAX_WAITING_BYTES = 32 << 20
 #: Fields of a frame revision that are set; the others follow from the store.
 _FRAME_FIELDS = ("frame", "parent", "T", "covariance", "valid_from_ns", "valid_until_ns", "producer")
 
@@ -53,14 +56,24 @@ class _Complete:
 class Arrivals:
     """Complete items of one robot that wait for the next commit.
 
+    Parameters
+    ----------
+    lock : RLock
+        Held by the caller of each method but ``store``.
+
     Attributes
     ----------
     counters : Counter
         Products ``stored``, ``already`` stored before, and ``refused`` permanently.
+    storage_error : StorageError or None
+        Why the store did not take the last products.
     """
 
-    def __init__(self, robot: str, dpm: Dpm, ledger: Ledger) -> None:
-        self._robot, self._dpm, self._ledger = robot, dpm, ledger
+    def __init__(
+        self, robot: str, dpm: Dpm, ledger: Ledger, alarms: ExchangeAlarms, lock: threading.RLock
+    ) -> None:
+        self._lock, self._generation = lock, 0
+        self._robot, self._dpm, self._ledger, self._alarms = robot, dpm, ledger, alarms
         self._records: dict[int, ReceivedRecord] = {}
         self._new_records: dict[int, tuple[ReceivedRecord, bytes]] = {}
         self._payloads: dict[int, bytes] = {}  # of records that are still to come
@@ -68,6 +81,8 @@ class Arrivals:
         self._bundles: dict[int, bytes] = {}
         self._void: list[int] = []
         self._retry_s = 0.0
+        self._waiting_bytes = 0
+        self.storage_error: StorageError | None = None
         self.counters: Counter[str] = Counter()
         for row in ledger.announced(robot):
             self._records[row.ordinal] = ReceivedRecord(row.body)
@@ -94,23 +109,54 @@ class Arrivals:
             return ordinal in self._complete or ordinal in self._payloads
         return ordinal in self._complete or ordinal in self._new_records
 
+    def lacks_record(self, key: int) -> bool:
+        """Return whether an item is a payload whose record is not here.
+
+        The robot sends no record twice. The ground lacks it if it ended between the storage of the product
+        and the report, or if its ledger was removed.
+        """
+        kind, ordinal = item_of(key)
+        return kind is Item.PAYLOAD and ordinal not in self._records and ordinal not in self._complete
+
+    @property
+    def is_waiting(self) -> bool:
+        """True while the store cannot take products: what arrives now would only use memory."""
+        return self._waiting_bytes > _MAX_WAITING_BYTES
+
     def announced(self, ordinal: int) -> ReceivedRecord | None:
         """Return a record whose payload is still to come."""
         return self._records.get(ordinal)
 
     def store(self) -> list[int]:
-        """Store the complete items; return the keys of the items that are durable now."""
-        done = self._store_events()
-        if self._new_records:
+        """Store the complete items; return the keys of the items that are durable now.
+
+        The lock is not held while the store works, so that packets are acknowledged meanwhile.
+        """
+        with self._lock:
+            generation = self._generation
+            bundles, records = dict(self._bundles), dict(self._new_records)
+            products = list(self._complete.values()) if monotonic_s() >= self._retry_s else []
+        self._store_events(bundles)
+        stored = self._store_products(products) if products else []
+        with self._lock:
+            if generation != self._generation:  # the keys belong to another store now
+                return []
+            for key in bundles:
+                self._bundles.pop(key, None)
+            done = [Item.EVENTS.key(ordinal) for ordinal in bundles]
             rows = [
                 AnnouncedRow(o, record.priority, record.size, body)
-                for o, (record, body) in self._new_records.items()
+                for o, (record, body) in records.items()
+                if o in self._new_records
             ]
-            self._ledger.announce(self._robot, rows)
-            done += [Item.RECORD.key(ordinal) for ordinal in self._new_records]
-            self._new_records.clear()
-        if self._complete and monotonic_s() >= self._retry_s:
-            done += self._store_products(list(self._complete.values()))
+            if rows:
+                self._ledger.announce(self._robot, rows)
+                done += [Item.RECORD.key(row.ordinal) for row in rows]
+                for row in rows:
+                    self._new_records.pop(row.ordinal, None)
+            if stored:
+                done += self._remove(stored)
+            self._waiting_bytes = sum(len(product.payload) for product in self._complete.values())
         return done
 
     def take_void(self) -> list[int]:
@@ -120,6 +166,7 @@ class Arrivals:
 
     def clear(self) -> None:
         """Discard everything that is not stored."""
+        self._generation += 1
         for table in (self._records, self._new_records, self._payloads, self._complete, self._bundles):
             table.clear()
 
@@ -152,26 +199,32 @@ class Arrivals:
             self.counters["damaged"] += 1
             self._void.append(Item.PAYLOAD.key(ordinal))
 
-    def _store_products(self, products: list[_Complete]) -> list[int]:
+    def _store_products(self, products: list[_Complete]) -> list[_Complete]:
         """Store products together, or one by one if one of them is refused."""
         done: list[_Complete] = []
+        self.storage_error = None
         try:
             done += self._put(products)
         except CdffError:
             for product in products:
                 try:
                     done += self._put([product])
-                except (StorageError, UnavailableError) as error:
+                except (StorageError, UnavailableError, ClockSkewError) as error:
                     self._retry_s = monotonic_s() + _RETRY_S
+                    if isinstance(error, StorageError):
+                        self.storage_error = error
                     logger.info("product %s of %s waits: %s", product.record.id, self._robot, error)
                 except CdffError as error:
                     done.append(product)
                     self._refuse(product, error)
+        return done
+
+    def _remove(self, done: list[_Complete]) -> list[int]:
+        """Remove products that are stored or refused; return their keys."""
         self._ledger.remove_announced(self._robot, [product.ordinal for product in done])
         for product in done:
-            self._complete.pop(product.ordinal, None)
-            self._records.pop(product.ordinal, None)
-            self._new_records.pop(product.ordinal, None)
+            for table in (self._complete, self._records, self._new_records, self._payloads):
+                table.pop(product.ordinal, None)
         return [key for product in done for key in product.keys]
 
     def _put(self, products: list[_Complete]) -> list[_Complete]:
@@ -196,13 +249,10 @@ class Arrivals:
         """Report a product that this store can never take; the robot keeps it."""
         self.counters["refused"] += 1
         logger.error("product %s of %s is refused: %s", product.record.id, self._robot, error)
-        self._dpm.alarms.set(
-            _ALARM, self._robot, Severity.WARNING, str(error), "get the product from the store of the robot"
-        )
+        self._alarms.product_refused(self._robot, error)
 
-    def _store_events(self) -> list[int]:
-        done = []
-        for ordinal, content in sorted(self._bundles.items()):
+    def _store_events(self, bundles: dict[int, bytes]) -> None:
+        for _, content in sorted(bundles.items()):
             events, revisions = unpack_events(content)
             with acting(Actor(self._robot, "robot", "contact")):
                 for revision in revisions:
@@ -210,9 +260,6 @@ class Arrivals:
                 entries = [e for e in events if e.scope == self._robot and e.kind != "reanchored"]
                 if entries:
                     self._dpm.writer.record_from(f"contact/{self._robot}", entries)
-            done.append(Item.EVENTS.key(ordinal))
-        self._bundles.clear()
-        return done
 
     def _set_frame(self, revision: dict[str, Any]) -> None:
         """Set a frame of the robot, unless its revision of this number has the same content."""

@@ -13,11 +13,13 @@ from typing import Any, NamedTuple
 from cdff_common.bus import keys
 from cdff_common.bus.contact_session import ContactSession
 from cdff_common.clock import monotonic_s
-from cdff_common.errors import CdffError, CodecError, InputError
+from cdff_common.contract.names import GROUND
+from cdff_common.errors import CdffError, CodecError, InputError, StorageError
 from cdff_common.interfaces.contact_plan import ContactPlan
 from cdff_common.interfaces.profile import Exchange
 from dpm_store.exchange.ledger import Ledger
 from services.contact.arrivals import Arrivals
+from services.contact.conditions import ExchangeAlarms
 from services.contact.estimate import Waiting, estimate
 from services.contact.packets import Item, Kind, pack, unpack
 from services.contact.receiver import Receiver
@@ -35,6 +37,8 @@ _FLUSH_S, _UPDATE_S = 0.2, 0.5
 _REQUESTS_S = 0.02
 #: Time since the last packet, in addition to the round trip, for which a robot counts as in contact.
 _CONTACT_S = 3.0
+#: Time for which data are ignored after the disk was full.
+_BLOCKED_S = 2.0
 #: Products in an answer.
 MAX_ITEMS = 1000
 
@@ -46,7 +50,7 @@ class _Robot(NamedTuple):
 
 
 class GroundEnd:
-    """Thread that exchanges data with the robots of a contact plan.
+    """Threads that exchange data with the robots of a contact plan, and store the received items.
 
     Attributes
     ----------
@@ -60,22 +64,32 @@ class GroundEnd:
         self._lock = threading.RLock()
         self._inbox: queue.SimpleQueue[tuple[str, bytes]] = queue.SimpleQueue()
         self._robots: dict[str, _Robot] = {}
+        self._alarms = ExchangeAlarms(dpm.alarms, plan, dpm.clock)
         folder = Path(dpm.store.directory) / FOLDER
         for robot in sorted({window.robot for window in plan.windows}):
-            arrivals = Arrivals(robot, dpm, self._ledger)
-            self._robots[robot] = _Robot(Receiver(robot, folder, self._ledger, arrivals), arrivals, {})
-        self._flush_s = self._update_s = 0.0
+            arrivals = Arrivals(robot, dpm, self._ledger, self._alarms, self._lock)
+            receiver = Receiver(robot, folder, self._ledger, arrivals, self._lock)
+            self._robots[robot] = _Robot(receiver, arrivals, {})
+        self._update_s = self._blocked_s = 0.0
         self._session = ContactSession.listen(endpoint)
         self._session.receive(keys.contact("*", "down"), lambda key, data: self._inbox.put((key, data)))
         self._ended = threading.Event()
-        loop = dpm.loops.add("contact")
-        self._thread = threading.Thread(target=loop.run, args=(self._wait, self._step), daemon=True)
-        self._thread.start()
+        works = (
+            ("contact", self._wait, self._step),
+            ("contact storage", self._wait_for_flush, self._flush),
+        )
+        self._threads = [
+            threading.Thread(target=dpm.loops.add(name).run, args=work, name=name, daemon=True)
+            for name, *work in works
+        ]
+        for thread in self._threads:
+            thread.start()
 
     def close(self) -> None:
-        """End the thread; items that were received in part remain."""
+        """End the threads; items that were received in part remain."""
         self._ended.set()
-        self._thread.join()
+        for thread in self._threads:
+            thread.join()
         self._session.close()
         for robot in self._robots.values():
             robot.receiver.close()
@@ -169,21 +183,42 @@ class GroundEnd:
         self._ended.wait(_STEP_S)
         return None if self._ended.is_set() else monotonic_s()
 
+    def _wait_for_flush(self) -> float | None:
+        """Wait for the next commit; None ends the loop."""
+        self._ended.wait(_FLUSH_S)
+        return None if self._ended.is_set() else monotonic_s()
+
     def _step(self, now_s: float) -> None:
         with self._lock:
             while not self._inbox.empty():
                 key, data = self._inbox.get()
                 self._receive(key.split("/")[2], data, now_s)
-            if now_s >= self._flush_s:
-                self._flush_s = now_s + _FLUSH_S
-                for state in self._robots.values():
-                    state.receiver.flush()
         if now_s >= self._update_s:
             self._update_s = now_s + _UPDATE_S
             self.requests.update()
+            for robot in self._robots:
+                self._alarms.check_windows(robot, self._ledger.note(f"heard/{robot}"))
         for robot, state in self._robots.items():
             if self._is_in_contact(state, now_s):
                 self._send(robot, state, now_s)
+
+    def _flush(self, now_s: float) -> None:
+        """Store the received items; on a full disk they wait, and further packets are ignored."""
+        try:
+            for state in self._robots.values():
+                state.receiver.flush()
+        except (StorageError, OSError) as error:
+            self._storage_failed(error, now_s)
+            return
+        errors = [state.arrivals.storage_error for state in self._robots.values()]
+        if waiting := next(filter(None, errors), None):
+            self._alarms.storage_failed(GROUND, waiting)
+        elif now_s >= self._blocked_s:
+            self._alarms.storage_works(GROUND)
+
+    def _storage_failed(self, error: Exception, now_s: float) -> None:
+        self._blocked_s = now_s + _BLOCKED_S
+        self._alarms.storage_failed(GROUND, error)
 
     def _receive(self, robot: str, data: bytes, now_s: float) -> None:
         state = self._robots.get(robot)
@@ -194,6 +229,8 @@ class GroundEnd:
             kind, fields = unpack(data)
             self._handle(robot, state, kind, fields)
             state.receiver.heard_s = now_s
+        except (StorageError, OSError) as error:
+            self._storage_failed(error, now_s)
         except (CdffError, ValueError, TypeError, LookupError) as error:
             logger.warning("a packet of %s is not readable: %s", robot, error)
 
@@ -206,10 +243,12 @@ class GroundEnd:
                     raise CodecError(
                         f"backlog {str(backlog)[:80]}: expected rows of priority, count and size"
                     )
+                if len(fields) > 3 and (window := self._plan.nearest(robot, self._dpm.clock.now_ns())):
+                    self._alarms.compare_clock(robot, int(fields[3]), window.delay_s)
                 self._put(robot, state.receiver.welcome(epoch, store_id))
                 self._ledger.set_note(f"backlog/{robot}", backlog)
                 self._ledger.set_note(f"heard/{robot}", self._dpm.clock.now_ns())
-            case Kind.DATA:
+            case Kind.DATA if monotonic_s() >= self._blocked_s and not state.arrivals.is_waiting:
                 state.receiver.receive(fields)
             case Kind.TAKEN:
                 self.requests.taken(fields[0])
@@ -218,7 +257,7 @@ class GroundEnd:
                 self._put(robot, pack(Kind.NOTED, fields[0]))
 
     def _send(self, robot: str, state: _Robot, now_s: float) -> None:
-        window = self._plan.current(robot, self._dpm.clock.now_ns())
+        window = self._plan.nearest(robot, self._dpm.clock.now_ns())
         if window is None:
             return
         period_s = ack_period_s(window)

@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from cdff_common.errors import ProductNotFoundError, StorageError
 from cdff_common.interfaces.profile import Exchange
 from dpm_store import Event
-from dpm_store.exchange.ledger import Ledger, OutboxRow
+from dpm_store.exchange.ledger import Ledger, OutboxRow, Ranges
 from services.contact.packets import INLINE_BYTES, Item, item_of, pack_events, pack_record
 from services.contact.sender import Sender
 from services.dpm.operations.dpm import Dpm
@@ -84,6 +84,15 @@ class Outgoing:
             with self._ledger.transaction():
                 self._ledger.set_announced(announced)
                 self._ledger.remove_from_outbox(stored)
+
+    def want(self, key: int, missing: Ranges) -> None:
+        """Send intervals of an item again, or a whole record that the ground has no longer."""
+        kind, ordinal = item_of(key)
+        row = self._products.get(ordinal)
+        if kind is Item.RECORD and row is not None and row.announced:
+            self._add(row._replace(announced=False))
+        else:
+            self.sender.want(key, missing)
 
     def prioritise(self, product_id: str) -> None:
         """Send a product before all others, because it was requested."""

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Packets between a robot and the ground: MessagePack arrays whose first element is the kind.
 
-Down (from the robot): ``HELLO epoch store_id backlog``, ``DATA epoch seq key total offset bytes``,
+Down (from the robot): ``HELLO epoch store_id backlog now_ns``, ``DATA epoch seq key total offset bytes``,
 ``TAKEN id``, ``RESULT id result``. Up: ``WELCOME epoch parts``, ``ACK epoch low high missing done wanted``,
 ``REQUEST id body expires_ns``, ``NOTED id``.
 

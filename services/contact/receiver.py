@@ -10,14 +10,24 @@ from __future__ import annotations
 
 import logging
 import os
+import threading
 from collections import deque
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from cdff_common.errors import CdffError, CodecError
+from cdff_common.errors import CdffError, CodecError, StorageError
 from dpm_store.exchange.ledger import Ledger, PartRow, Ranges
 from services.contact.arrivals import Arrivals
-from services.contact.packets import CHUNK_BYTES, MAX_RANGES, Kind, add_range, missing_ranges, pack
+from services.contact.packets import (
+    CHUNK_BYTES,
+    MAX_RANGES,
+    Item,
+    Kind,
+    add_range,
+    item_of,
+    missing_ranges,
+    pack,
+)
 
 logger = logging.getLogger(__name__)
 
@@ -42,6 +52,11 @@ class _Part(NamedTuple):
 class Receiver:
     """Items of one robot.
 
+    Parameters
+    ----------
+    lock : RLock
+        Held by the caller of each method but ``flush``.
+
     Attributes
     ----------
     heard_s : float
@@ -50,7 +65,10 @@ class Receiver:
         Item bytes since the start, and those of them that had been received before.
     """
 
-    def __init__(self, robot: str, folder: Path, ledger: Ledger, arrivals: Arrivals) -> None:
+    def __init__(
+        self, robot: str, folder: Path, ledger: Ledger, arrivals: Arrivals, lock: threading.RLock
+    ) -> None:
+        self._lock = lock
         self._robot, self._folder, self._ledger, self._arrivals = robot, folder / robot, ledger, arrivals
         self._folder.mkdir(parents=True, exist_ok=True)
         self._parts: dict[int, _Part] = {}
@@ -86,16 +104,22 @@ class Receiver:
         ------
         CodecError
             If its number is none of this session.
+        OSError
+            If the disk is full; the packet then counts as lost.
         """
         epoch, seq, key, total, offset, data = fields
         if epoch != self._epoch or not (0 <= offset <= offset + len(data) <= total <= _MAX_BYTES):
             return
         if not (0 < seq <= self._high + _MAX_AHEAD and key >= 0):
             raise CodecError(f"packet number {seq} of item {key}: the last number is {self._high}")
+        self._take(key, total, offset, data)  # first: a packet that cannot be stored counts as lost
         self._has_news = True
         self._received.add(seq)
         self._high = max(self._high, seq)
         self.bytes_received += len(data)
+
+    def _take(self, key: int, total: int, offset: int, data: bytes) -> None:
+        """Store the bytes of a packet."""
         if key in self._known:
             self.bytes_repeated += len(data)
             self._report(key)
@@ -103,20 +127,24 @@ class Receiver:
             self._complete(key, data)
         elif self._arrivals.holds(key):
             self.bytes_repeated += len(data)
+            self._want_record(key)
         else:
             self._write(key, total, offset, data)
 
     def flush(self) -> None:
         """Store the complete items, note the others, and report both."""
-        changed = [PartRow(k, p.total, p.ranges) for k in self._changed if (p := self._parts.get(k))]
-        self._changed.clear()
-        if changed:
-            self._ledger.set_parts(self._robot, changed)
-        for key in self._arrivals.store():
-            self._remove_part(key)
-            self._report(key)
-        for key in self._arrivals.take_void():
-            self._remove_part(key)
+        with self._lock:
+            changed = [PartRow(k, p.total, p.ranges) for k in self._changed if (p := self._parts.get(k))]
+            if changed:
+                self._ledger.set_parts(self._robot, changed)
+            self._changed.clear()
+        done = self._arrivals.store()
+        with self._lock:
+            for key in done:
+                self._remove_part(key)
+                self._report(key)
+            for key in self._arrivals.take_void():
+                self._remove_part(key)
 
     def acknowledgement(self) -> bytes | None:
         """Return the packet ``ACK``; None if there is nothing to report."""
@@ -147,7 +175,10 @@ class Receiver:
 
     def close(self) -> None:
         """Note the received intervals and close the files."""
-        self.flush()
+        try:
+            self.flush()
+        except StorageError as error:
+            logger.warning("what %s sent is not stored, and is sent again: %s", self._robot, error)
         for part in self._parts.values():
             os.close(part.descriptor)
 
@@ -155,7 +186,8 @@ class Receiver:
         try:
             self._arrivals.add(key, content)
         except CdffError as error:
-            logger.warning("an item of %s is not readable: %s", self._robot, error)
+            logger.warning("an item of %s is not readable, and is sent again: %s", self._robot, error)
+            self._remove_part(key)
 
     def _write(self, key: int, total: int, offset: int, data: bytes) -> None:
         part = self._parts.get(key)
@@ -164,6 +196,7 @@ class Receiver:
             part = None
         if part is None:
             part = self._parts[key] = _Part(total, [], self._open(key))
+            self._want_record(key)
         before = sum(b - a for a, b in part.ranges)
         os.pwrite(part.descriptor, data, offset)
         add_range(part.ranges, offset, offset + len(data))
@@ -175,6 +208,12 @@ class Receiver:
             self._complete(key, os.pread(part.descriptor, total, 0))
         elif not added:
             self._wanted[key] = missing[:MAX_RANGES]
+
+    def _want_record(self, key: int) -> None:
+        """Ask for the record of a payload if it is not here."""
+        if self._arrivals.lacks_record(key):
+            _, ordinal = item_of(key)
+            self._wanted[Item.RECORD.key(ordinal)] = [(0, 1)]
 
     def _report(self, key: int) -> None:
         self._known[key] = None

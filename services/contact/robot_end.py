@@ -14,10 +14,11 @@ from typing import Any
 from cdff_common.bus import keys
 from cdff_common.bus.contact_session import ContactSession
 from cdff_common.clock import monotonic_s
-from cdff_common.errors import CdffError, CodecError, UnavailableError
+from cdff_common.errors import CdffError, CodecError, StorageError, UnavailableError
 from cdff_common.interfaces.contact_plan import ContactPlan, ContactWindow
 from cdff_common.interfaces.profile import Exchange
 from dpm_store.exchange.ledger import Ledger, RequestRow
+from services.contact.conditions import ExchangeAlarms
 from services.contact.outgoing import Outgoing
 from services.contact.pacing import Pacer
 from services.contact.packets import Kind, pack, unpack
@@ -31,6 +32,8 @@ Execute = Callable[[dict[str, str], float], dict[str, Any]]
 _STEP_S, _IDLE_S = 0.002, 0.02
 #: Periods of greetings without an answer, of answers that are not noted, and of looks at the store.
 _HELLO_S, _RESULT_S, _SCAN_S, _EXPIRE_S = 0.5, 0.5, 0.2, 0.1
+#: Time between attempts on a full disk.
+_STORAGE_S = 2.0
 #: Time without a packet from the ground, in addition to the round trip, after which the session is opened
 #: again.
 _SILENCE_S = 1.5
@@ -67,13 +70,18 @@ class RobotEnd:
         self._epoch, self._is_welcome = 0, False
         self._heard_s = self._hello_s = self._scan_s = self._expire_s = self._result_s = 0.0
         self._round_trip_s = 0.0
+        self._alarms = ExchangeAlarms(dpm.alarms, plan, dpm.clock)
         self._requests: queue.SimpleQueue[RequestRow | None] = queue.SimpleQueue()
         self._ended = threading.Event()
         for row in self._ledger.requests("accepted"):
             self._requests.put(row)
         self._threads = [
             threading.Thread(target=dpm.loops.add("contact").run, args=(self._wait, self._step), daemon=True),
-            threading.Thread(target=self._execute_all, name="contact requests", daemon=True),
+            threading.Thread(
+                target=dpm.loops.add("contact requests").run,
+                args=(self._requests.get, self._execute_one),
+                daemon=True,
+            ),
         ]
         for thread in self._threads:
             thread.start()
@@ -109,7 +117,7 @@ class RobotEnd:
         window = self._plan.current(self._robot, self._dpm.clock.now_ns())
         if now_s >= self._scan_s:
             self._scan_s = now_s + _SCAN_S
-            self.outgoing.scan()
+            self._scan()
         if window != self._window:
             self._end_session()
             self._window = window
@@ -123,6 +131,16 @@ class RobotEnd:
         while not self._inbox.empty():
             self._receive(self._inbox.get(), monotonic_s())
         self._send(window, monotonic_s())
+
+    def _scan(self) -> None:
+        """Add the new items; on a full disk they are added later."""
+        try:
+            self.outgoing.scan()
+        except StorageError as error:
+            self._alarms.storage_failed(self._robot, error)
+            self._scan_s += _STORAGE_S
+        else:
+            self._alarms.storage_works(self._robot)
 
     def _connect(self, window: ContactWindow) -> bool:
         try:
@@ -149,8 +167,7 @@ class RobotEnd:
         if not self._is_welcome:
             if now_s >= self._hello_s:
                 self._hello_s = now_s + _HELLO_S
-                backlog = [[k, *v] for k, v in sorted(self.outgoing.backlog().items())]
-                self._put(pack(Kind.HELLO, self._epoch, self.outgoing.store_id, backlog))
+                self._greet()
             return
         self._send_results(now_s)
         sender = self.outgoing.sender
@@ -168,8 +185,12 @@ class RobotEnd:
         """Greet the ground if there was nothing to send, so that both sides know that the link exists."""
         if now_s - max(self._heard_s, self._hello_s) > _HELLO_S:
             self._hello_s = now_s
-            backlog = [[k, *v] for k, v in sorted(self.outgoing.backlog().items())]
-            self._put(pack(Kind.HELLO, self._epoch, self.outgoing.store_id, backlog))
+            self._greet()
+
+    def _greet(self) -> None:
+        backlog = [[k, *v] for k, v in sorted(self.outgoing.backlog().items())]
+        now_ns = self._dpm.clock.now_ns()
+        self._put(pack(Kind.HELLO, self._epoch, self.outgoing.store_id, backlog, now_ns))
 
     def _put(self, packet: bytes) -> None:
         assert self._session is not None
@@ -180,6 +201,8 @@ class RobotEnd:
         try:
             kind, fields = unpack(data)
             self._handle(kind, fields, now_s)
+        except StorageError as error:
+            self._alarms.storage_failed(self._robot, error)
         except (CodecError, ValueError, TypeError, LookupError) as error:
             logger.warning("a packet from the ground is not readable: %s", error)
 
@@ -194,7 +217,7 @@ class RobotEnd:
                 self.outgoing.sender.acknowledge(low, high, missing)
                 self.outgoing.done(done)
                 for key, ranges in wanted:
-                    self.outgoing.sender.want(key, ranges)
+                    self.outgoing.want(key, ranges)
             case Kind.REQUEST:
                 self._accept(*fields)
             case Kind.NOTED:
@@ -217,21 +240,25 @@ class RobotEnd:
                 self.outgoing.prioritise(str(row.result["id"]))
             self._put(pack(Kind.RESULT, row.id, row.result))
 
-    def _execute_all(self) -> None:
-        """Execute the accepted requests one after the other."""
-        while (row := self._requests.get()) is not None:
-            left_s = (row.expires_ns - self._dpm.clock.now_ns()) / 1e9
+    def _execute_one(self, row: RequestRow) -> None:
+        """Execute an accepted request, and note the answer as soon as the disk has space for it."""
+        left_s = (row.expires_ns - self._dpm.clock.now_ns()) / 1e9
+        try:
+            if left_s <= 0:
+                result: dict[str, Any] = {"error": "expired before the robot could execute it"}
+            else:
+                result = self._execute(row.body, left_s)
+        except CdffError as error:
+            result = {"error": str(error)}
+        while not self._ended.is_set():
             try:
-                if left_s <= 0:
-                    result: dict[str, Any] = {"error": "expired before the robot could execute it"}
-                else:
-                    result = self._execute(row.body, left_s)
-            except CdffError as error:
-                result = {"error": str(error)}
-            if self._ended.is_set():
+                self._ledger.set_request(row.id, "executed", result)
+            except StorageError as error:
+                self._alarms.storage_failed(self._robot, error)
+                self._ended.wait(_STORAGE_S)
+            else:
+                self._result_s = 0.0
                 return
-            self._ledger.set_request(row.id, "executed", result)
-            self._result_s = 0.0
 
 
 def ack_period_s(window: ContactWindow) -> float:

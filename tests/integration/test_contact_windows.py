@@ -14,8 +14,8 @@ import yaml
 from cdff_common.bus import Bus, keys
 from cdff_common.errors import ProductNotFoundError
 from cdff_dev.contact.simulated_link import Direction, SimulatedLink
+from cdff_dev.ports import free_udp_port as free_port
 from tests.integration.conftest import process_starter
-from tests.support.contact_products import free_port
 from tests.support.dpm_products import cloud, put_arguments
 
 pytestmark = pytest.mark.slow

@@ -21,13 +21,14 @@ from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.interfaces.contact_plan import ContactPlan, ContactWindow, load_contact_plan
 from cdff_common.interfaces.profile import Exchange
 from cdff_common.mission_clock import MissionClock
+from cdff_dev.contact.generated_products import product
 from cdff_dev.contact.simulated_link import Direction, SimulatedLink
+from cdff_dev.ports import free_udp_port as free_port
 from dpm_store import open_store
 from services.contact.estimate import USED_SHARE, Waiting, estimate
 from services.contact.ground_end import GroundEnd
 from services.contact.robot_end import RobotEnd
 from services.dpm.operations.dpm import Dpm
-from tests.support.contact_products import free_port, product
 
 POSES, MAP, CLOUD = range(20), 20, 21
 

@@ -13,10 +13,10 @@ from cdff_common.bus import Bus, keys
 from cdff_common.bus.contact_session import ContactSession
 from cdff_common.errors import CodecError, InputError
 from cdff_common.interfaces.contact_plan import ContactPlan
+from cdff_dev.contact.generated_products import product
 from services.contact.packets import Kind, pack
 from services.contact.sender import Sender
 from services.contact.service import execute_on_bus
-from tests.support.contact_products import product
 from tests.unit.services.contact.test_exchange import POSES, Ends, ends, is_at_ground, wait_until, window
 
 __all__ = ["ends"]

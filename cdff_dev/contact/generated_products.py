@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import socket
 from typing import Any
 
 import numpy as np
@@ -67,11 +66,3 @@ def product(seed: int, seq: int) -> NewProduct:
         type_name=type(value).__name__,
         codec="uper",
     )
-
-
-def free_port() -> int:
-    """Return a UDP port on loopback that no process uses."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port
