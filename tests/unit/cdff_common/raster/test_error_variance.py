@@ -115,3 +115,65 @@ def fraction_in_blocks(mask: np.ndarray, factor: int) -> np.ndarray:
     """Return the fraction of the cells of a mask in each larger cell."""
     rows, cols = mask.shape
     return mask.reshape(rows // factor, factor, cols // factor, factor).mean(axis=(1, 3))
+
+
+def observed_cells(pattern: str, shape: tuple[int, int], rng: np.random.Generator) -> np.ndarray:
+    """Return the mask of about a quarter of the cells: cells or lines at random, or every fourth line."""
+    mask = np.zeros(shape, dtype=bool)
+    if pattern == "random cells":
+        return rng.random(shape) < 0.25
+    if pattern == "every fourth line":
+        mask[1::4] = True
+    else:
+        mask[rng.random(shape[0]) < 0.25] = True
+    return mask
+
+
+def fractal_ground(size: int, rng: np.random.Generator) -> np.ndarray:
+    """Return heights ``(size, size)``, metres, with the spectrum k^-3 and a standard deviation of 0.5 m."""
+    frequency = np.hypot(*np.meshgrid(np.fft.fftfreq(size), np.fft.fftfreq(size)))
+    frequency[0, 0] = 1.0
+    heights = np.fft.ifft2(np.fft.fft2(rng.normal(size=(size, size))) * frequency**-1.5).real
+    return np.asarray(0.5 * heights / heights.std())
+
+
+#: Smallest and largest ratio of the error to the stated deviation. Lines at random distances are clusters of
+#: cells with similar heights, which the stated error counts as independent.
+SAMPLED_LIMITS = {"random cells": (0.8, 1.3), "every fourth line": (0.6, 1.6), "random lines": (1.4, 2.8)}
+
+
+@pytest.mark.parametrize("ground", ["mola", "fractal"])
+@pytest.mark.parametrize("pattern", SAMPLED_LIMITS)
+def test_errors_on_independent_grounds_with_known_heights(
+    real_data: Callable[[str], Path], rng: np.random.Generator, ground: str, pattern: str
+) -> None:
+    """The grounds were not used to choose the stated error, and the heights of all cells are known.
+
+    ``mola`` is the topography of Mars between 50 degrees north and south, whose pixels are the cells.
+    """
+    if ground == "mola":
+        raster = np.fromfile(real_data("planetary_rasters/megt90n000cb.img"), ">i2").reshape(720, 1440)
+        truth, noise_m, cell_m = raster[160:560].astype(float), 1.0, 1.0
+    else:
+        truth, noise_m, cell_m = fractal_ground(800, rng), RANGE_SIGMA_M, FINE_M
+    rows, cols = truth.shape
+    grid = GridGeometry.aligned("site", cell_m, (0.0, 0.0, cols * cell_m, rows * cell_m))
+    is_observed = observed_cells(pattern, truth.shape, rng)
+    count = np.where(is_observed, rng.integers(1, 30, truth.shape), 0).astype(float)
+    noise = noise_m / np.sqrt(np.maximum(count, 1.0)) * rng.normal(size=truth.shape)
+    mean = np.where(is_observed, truth + noise, 0.0)
+    stamps = np.zeros(grid.shape, np.int64)
+    statistics = CellStatistics(grid, count, mean, count * noise_m**2, mean, mean, stamps)
+    auxiliary = AuxiliaryLayers.empty(grid)
+    auxiliary.set_counts(count)
+    ratios = []
+    for factor in (5, 10, 20):
+        coarse, stated = aggregate(statistics, factor), stated_variance((statistics, auxiliary), factor)
+        blocks = truth.reshape(rows // factor, factor, cols // factor, factor).mean(axis=(1, 3))
+        use = coarse.count > 0
+        ratios.append(float(np.sqrt(np.mean((coarse.mean - blocks)[use] ** 2 / stated[use]))))
+    texts = ", ".join(f"{ratio:.2f}" for ratio in ratios)
+    print(f"{ground}, {pattern}, 5, 10 and 20 cells: error / stated standard deviation = {texts}")
+    smallest, largest = SAMPLED_LIMITS[pattern]
+    assert smallest < min(ratios)
+    assert max(ratios) < largest
