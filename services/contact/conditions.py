@@ -10,7 +10,6 @@ from services.alarms import Alarms, Severity
 
 #: Difference of the clocks, in addition to the one-way delay, from which on an alarm is raised, seconds.
 CLOCK_LIMIT_S = 10.0
-STORAGE, CLOCK, MISSED, REFUSED = "contact_storage", "contact_clock", "contact_missed", "contact_refused"
 
 
 class ExchangeAlarms:
@@ -31,24 +30,28 @@ class ExchangeAlarms:
     def storage_failed(self, source: str, error: Exception) -> None:
         """Report that received data, or the state of the exchange, cannot be written."""
         self._alarms.set(
-            STORAGE, source, Severity.CRITICAL, str(error), "free disk space; the exchange then continues"
+            "contact_storage",
+            source,
+            Severity.CRITICAL,
+            str(error),
+            "free disk space; the exchange then continues",
         )
 
     def storage_works(self, source: str) -> None:
         """End the alarm of a full disk."""
-        self._alarms.clear(STORAGE, source)
+        self._alarms.clear("contact_storage", source)
 
     def compare_clock(self, robot: str, robot_ns: int, delay_s: float) -> None:
         """Compare the mission time in a packet of a robot with that of the ground."""
         difference_s = (robot_ns - self._clock.now_ns()) / 1e9 + delay_s
         if abs(difference_s) <= CLOCK_LIMIT_S:
-            self._alarms.clear(CLOCK, robot)
+            self._alarms.clear("contact_clock", robot)
             return
         what = (
             f"the clock of {robot} differs by {difference_s:+.0f} s from that of the ground: "
             "it uses other times than the contact plan"
         )
-        self._alarms.set(CLOCK, robot, Severity.WARNING, what, "synchronise the clock of the robot")
+        self._alarms.set("contact_clock", robot, Severity.WARNING, what, "synchronise the clock of the robot")
 
     def check_windows(self, robot: str, heard_ns: int | None) -> None:
         """Report that the last window of a robot has ended without a packet of it."""
@@ -59,17 +62,21 @@ class ExchangeAlarms:
             if self._start_ns <= window.start_ns and window.end_ns <= now_ns
         ]
         if not ended or (heard_ns is not None and heard_ns >= ended[-1].start_ns):
-            self._alarms.clear(MISSED, robot)
+            self._alarms.clear("contact_missed", robot)
             return
         last = ended[-1]
         what = (
             f"no packet of {robot} in the window {format_stamp(last.start_ns)} to {format_stamp(last.end_ns)}"
         )
         remedy = "check the link, the process on the robot and its clock"
-        self._alarms.set(MISSED, robot, Severity.WARNING, what, remedy)
+        self._alarms.set("contact_missed", robot, Severity.WARNING, what, remedy)
 
     def product_refused(self, robot: str, error: Exception) -> None:
         """Report a product that this store can never take."""
         self._alarms.set(
-            REFUSED, robot, Severity.WARNING, str(error), "get the product from the store of the robot"
+            "contact_refused",
+            robot,
+            Severity.WARNING,
+            str(error),
+            "get the product from the store of the robot",
         )

@@ -16,7 +16,7 @@ from cdff_common.errors import InputError
 from cdff_common.interfaces.contact_plan import ContactPlan
 from cdff_dev.contact.generated_products import product
 from services.alarms import Alarms
-from services.contact.conditions import CLOCK, CLOCK_LIMIT_S, MISSED, REFUSED, ExchangeAlarms
+from services.contact.conditions import CLOCK_LIMIT_S, ExchangeAlarms
 from services.contact.packets import CHUNK_BYTES, Item, Kind, pack_record, unpack
 from services.contact.receiver import Receiver
 from tests.unit.services.contact.test_exchange import CLOUD, Ends, ends, window
@@ -127,7 +127,7 @@ def test_a_product_that_the_store_refuses_raises_an_alarm_and_does_not_stop_the_
         receiver.receive([EPOCH, number, Item.RECORD.key(number), len(data), 0, data])
     receiver.flush()
     assert ends.ground.store.live([refused.header.id, stored.header.id]) == {stored.header.id}
-    assert [alarm.kind for alarm in ends.ground.alarms.active()] == [REFUSED]
+    assert [alarm.kind for alarm in ends.ground.alarms.active()] == ["contact_refused"]
 
 
 def test_a_clock_that_differs_raises_an_alarm_with_the_difference() -> None:
@@ -135,7 +135,7 @@ def test_a_clock_that_differs_raises_an_alarm_with_the_difference() -> None:
     conditions = ExchangeAlarms(alarms, plan, FixedClock(plan.windows[0].start_ns))
     conditions.compare_clock("mana", plan.windows[0].start_ns + 3_600_000_000_000, 0.0)
     (alarm,) = alarms.active()
-    assert alarm.kind == CLOCK
+    assert alarm.kind == "contact_clock"
     assert "+3600 s" in alarm.what
     conditions.compare_clock("mana", plan.windows[0].start_ns + int(CLOCK_LIMIT_S * 0.9e9), 0.0)
     assert not alarms.active()
@@ -153,6 +153,6 @@ def test_a_window_without_contact_raises_an_alarm_unless_the_ground_started_in_i
     assert not alarms.active()
     clock.time_ns = second.end_ns
     conditions.check_windows("mana", first.end_ns)
-    assert [alarm.kind for alarm in alarms.active()] == [MISSED]
+    assert [alarm.kind for alarm in alarms.active()] == ["contact_missed"]
     conditions.check_windows("mana", second.start_ns + 1)
     assert not alarms.active()
