@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import hashlib
 import json
+import os
 import sys
 from collections.abc import Callable
 from contextlib import closing
@@ -174,19 +175,30 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _answer(commands: Commands) -> None:
-    _write({"ready": True})
+    answers = _take_output()
+    answers({"ready": True})
     for line in sys.stdin:
         name, arguments = json.loads(line)
         try:
             answer = {"result": getattr(commands, name)(**arguments)}
         except CdffError as error:
             answer = {"error": f"{type(error).__name__}: {error}"}
-        _write(answer)
+        answers(answer)
 
 
-def _write(answer: dict[str, Any]) -> None:
-    sys.stdout.write(json.dumps(answer) + "\n")
-    sys.stdout.flush()
+def _take_output() -> Callable[[dict[str, Any]], None]:
+    """Return a function that writes answers to the standard output.
+
+    What libraries write to the standard output, such as the warnings of Zenoh, goes to the standard error.
+    """
+    file = os.fdopen(os.dup(sys.stdout.fileno()), "w", encoding="utf-8")
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
+
+    def write(answer: dict[str, Any]) -> None:
+        file.write(json.dumps(answer) + "\n")
+        file.flush()
+
+    return write
 
 
 def _execute(parameters: dict[str, str], _: float) -> dict[str, Any]:
