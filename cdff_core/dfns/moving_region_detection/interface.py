@@ -31,6 +31,8 @@ class MovingRegionDetectionInputs(DfnInputs):
         True if no pixel has moved since the previous image.
     excluded : ndarray of bool, shape (r,c), optional
         Pixels of known objects, with which the background is not updated.
+    departed : ndarray of bool, shape (r,c), optional
+        Pixels of objects that have left their first positions: not replaced.
     replaced : ndarray of bool, shape (r,c), optional
         Pixels of objects at rest, at which the background is replaced by the image at once.
     """
@@ -41,9 +43,10 @@ class MovingRegionDetectionInputs(DfnInputs):
             "places": "float32[r,c,2]",
             "sigma": "float32[r,c]",
             "excluded": "bool[r,c]",
+            "departed": "bool[r,c]",
             "replaced": "bool[r,c]",
         },
-        optional=["places", "sigma", "excluded", "replaced"],
+        optional=["places", "sigma", "excluded", "departed", "replaced"],
     )
 
     image: NDArray[np.uint8]
@@ -51,6 +54,7 @@ class MovingRegionDetectionInputs(DfnInputs):
     places: NDArray[np.float32] | None = None
     sigma: NDArray[np.float32] | None = None
     excluded: NDArray[np.bool_] | None = None
+    departed: NDArray[np.bool_] | None = None
     replaced: NDArray[np.bool_] | None = None
 
 

@@ -141,7 +141,8 @@ class RegisteredBackground(Interface[RegisteredBackgroundConfig]):
         fresh = count <= 0.0
         if inputs.replaced is not None:
             fresh |= inputs.replaced
-        fresh |= vacated
+        # Before rough ground, a smooth object looks like ground that another object has left.
+        fresh |= vacated if inputs.departed is None else vacated & ~inputs.departed
         # A region of a known background is learnt slowly.
         region_gain = np.where(count >= _KNOWN, np.float32(_REGION_GAIN), np.float32(0.0))
         gain_of_pixel = np.asarray(np.where(regions.labels > 0, region_gain, 1.0) * learn, np.float32)

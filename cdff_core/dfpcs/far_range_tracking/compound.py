@@ -233,6 +233,7 @@ class FarRangeTracking(FarRangeTrackingInterface):
                     sigma=None if registration is None else registration.sigma,
                     is_at_rest=registration is None or registration.is_at_rest,
                     excluded=self._tracks.occupied(image.shape),
+                    departed=self._tracks.occupied(image.shape, departed=True),
                     replaced=self._tracks.resting(image.shape),
                 )
             )

@@ -94,11 +94,13 @@ class ObjectTracks:
         """Objects with a number."""
         return [o for o in self.objects if o.is_confirmed]
 
-    def occupied(self, shape: tuple[int, ...]) -> BoolArray:
-        """Return the pixels of the objects seen in the last image, which the background does not learn."""
+    def occupied(self, shape: tuple[int, ...], *, departed: bool = False) -> BoolArray:
+        """Return the pixels of the objects seen in the last image: of all, or of those that have left their
+        first positions.
+        """
         mask = np.zeros(shape, bool)
         for o in self.objects:
-            if np.isfinite(o.pixel).all():
+            if np.isfinite(o.pixel).all() and (o.has_departed or not departed):
                 half = 0.5 * o.size_px + 3.0
                 low = np.maximum(np.floor(o.pixel - half), 0).astype(int)
                 high = np.maximum(np.ceil(o.pixel + half), 0).astype(int) + 1
@@ -205,9 +207,7 @@ class ObjectTracks:
     def _match_appearance(
         self, o: TrackedObject, position_px: FloatArray, sigma_px: float, scene: Scene
     ) -> AppearanceTrackingOutputs | None:
-        """Return the best match of the appearance of an object near its predicted position; None without
-        one.
-        """
+        """Return the best match of the appearance of an object near its predicted position, or None."""
         if o.appearance is None or not np.isfinite(position_px).all():
             return None
         reach = float(np.clip(_REACH_SIGMAS * sigma_px + 1.0, *_REACH_PX))
@@ -356,6 +356,7 @@ class ObjectTracks:
             return
         o.score = match.score if good and match is not None else 0.8
         o.hits, o.misses, o.seen_ns = o.hits + 1, 0, scene.stamp_ns
+        o.has_departed = o.has_departed or self._path_px(o, scene) > float(o.size_px.max())
         o.parallax_rad += scene.parallax_at(o.pixel) / scene.camera.fx
 
     @staticmethod
@@ -513,9 +514,7 @@ class ObjectTracks:
         return None if best is None else best[1]
 
     def _remove_repeated(self, scene: Scene) -> None:
-        """If two objects have the same position and motion, remove the newer
-        one; the lower number remains.
-        """
+        """Remove the newer of two objects with the same position and motion; the lower number remains."""
         for new in sorted(self.confirmed, key=lambda o: -o.number):
             for old in self.confirmed:
                 if old.number >= new.number or (old.misses and new.misses):
@@ -534,9 +533,7 @@ class ObjectTracks:
                 break
 
     def _came_to_rest(self, o: TrackedObject, scene: Scene) -> bool:
-        """Return whether an object is at rest and has moved less than its size: it is a remainder of another
-        one.
-        """
+        """Return whether an object at rest has moved less than its size: it is a remainder of another one."""
         if o.is_designated or o.hits % _REST_HITS or o.misses:
             return False
         moved_px = float(np.linalg.norm(o.direction - o.checked)) * scene.camera.fx

@@ -6,10 +6,14 @@ from __future__ import annotations
 
 import numpy as np
 
-#: Spectral density of the change of the rate, 1/s³, and the standard deviation of the first rate, 1/s.
-_NOISE, _RATE_SIGMA = 1e-7, 0.005
-#: Time constant with which the rate decays to zero, since objects change direction.
-_RATE_MEMORY_S = 20.0
+#: Standard deviation of the rate, 1/s, and time constant with which it decays to zero, since objects change
+#: direction.
+_RATE_SIGMA, _RATE_MEMORY_S = 0.005, 20.0
+#: Spectral density of the change of the rate, with which its standard deviation is constant, 1/s³.
+_NOISE = 2.0 * _RATE_SIGMA**2 / _RATE_MEMORY_S
+#: Standard deviations beyond which a measurement is of another object or part and not used, and number of
+#: successive ones that replace the range.
+_GATE, _REPLACE = 4.0, 5
 #: Relative standard deviation from which a range is not observable.
 _UNOBSERVABLE = 0.5
 
@@ -22,6 +26,7 @@ class RangeFilter:
         self._P: np.ndarray | None = None
         self._stamp_ns = 0
         self._systematic = 0.0
+        self._contradictions = 0
 
     def predict(self, stamp_ns: int) -> None:
         """Predict the state at a later time."""
@@ -37,16 +42,22 @@ class RangeFilter:
     def update(self, stamp_ns: int, range_m: float, sigma_m: float, systematic: float) -> None:
         """Add a measurement; its standard deviation must be below half of the range.
 
-        ``systematic`` is a relative error that is the same in all measurements.
+        ``systematic`` is a relative error that is the same in all measurements. A measurement that contradicts
+        the range is not used; the fifth in succession replaces it.
         """
-        self._systematic = systematic
         z, variance = float(np.log(range_m)), (sigma_m / range_m) ** 2
-        if self._P is None:
-            self._x, self._P = np.array([z, 0.0]), np.diag([variance, _RATE_SIGMA**2])
-            self._stamp_ns = stamp_ns
-            return
         self.predict(stamp_ns)
-        S = self._P[0, 0] + variance
+        if self._P is not None:
+            S = self._P[0, 0] + variance
+            tolerance = _GATE * np.sqrt(S + systematic**2 + self._systematic**2)
+            self._contradictions = self._contradictions + 1 if abs(z - self._x[0]) > tolerance else 0
+            if 0 < self._contradictions < _REPLACE:
+                return
+        self._systematic = systematic
+        if self._P is None or self._contradictions:
+            self._x, self._P = np.array([z, 0.0]), np.diag([variance, _RATE_SIGMA**2])
+            self._stamp_ns, self._contradictions = stamp_ns, 0
+            return
         gain = self._P[:, 0] / S
         self._x = self._x + gain * (z - self._x[0])
         # Joseph's form for the measurement [1, 0].

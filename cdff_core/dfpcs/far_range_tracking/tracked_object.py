@@ -106,6 +106,8 @@ class TrackedObject:
         Mean offset of the centroid from the middle of the box, relative to the size.
     checked : ndarray (3,)
         Direction at the last test for rest.
+    has_departed : bool
+        True if it has moved by more than its size since the start.
     """
 
     number: int
@@ -131,6 +133,7 @@ class TrackedObject:
     is_whole: bool = False
     is_full_height: bool = False
     checked: FloatArray = field(default_factory=lambda: np.zeros(3))
+    has_departed: bool = False
     range: RangeFilter = field(default_factory=RangeFilter)
     range_reasons: tuple[str, ...] = ()
     range_inputs: tuple[str, ...] = ()

@@ -55,6 +55,32 @@ def test_the_place_that_an_object_has_left_is_no_region() -> None:
     assert regions.centroids[0] == pytest.approx(scene.bodies[0].place(9), abs=0.5)
 
 
+@pytest.mark.parametrize("has_departed", [True, False])
+def test_a_smooth_object_before_rough_ground_is_not_learnt_as_background(has_departed: bool) -> None:
+    """The object looks as if another one had left the ground, unless it is known to have moved there."""
+    rng, detection = np.random.default_rng(3), node()
+    v, u = np.mgrid[0 : CAMERA.rows, 0 : CAMERA.cols]
+    ground = 100.0 + 30.0 * ((u // 3 + v // 3) % 2)
+    box = (slice(70, 90), slice(100, 128))
+    known = np.zeros(ground.shape, bool)
+    known[67:93, 97:131] = True
+    places = np.stack([u, v], axis=-1).astype(np.float32)
+    for k in range(16):
+        image = ground + rng.normal(0.0, 1.5, ground.shape)
+        if k == 14:
+            image[box] = 115.0
+        regions = detection.process(
+            MovingRegionDetectionInputs(
+                image=image.clip(0, 255).astype(np.uint8),
+                places=places if k else None,
+                is_at_rest=True,
+                excluded=known if k == 14 else None,
+                departed=known if k == 14 and has_departed else None,
+            )
+        )
+    assert (len(regions.boxes) == 0) == has_departed
+
+
 def test_the_background_moves_with_the_camera() -> None:
     still, scene = DistantScene([], pan_px=2.5), DistantScene([Body((150.0, 80.0), (0.0, 0.0))], pan_px=2.5)
     detection = node()
