@@ -112,7 +112,7 @@ class Commands:
         return status if isinstance(self._end, RobotEnd) else dict(status[ROBOT])
 
     def estimate(self) -> dict[str, Any]:
-        """Return what the ground expects."""
+        """Return the arrivals that the ground expects."""
         assert isinstance(self._end, GroundEnd)
         return self._end.estimate(ROBOT)
 

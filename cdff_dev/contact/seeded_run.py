@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""One exchange over a lossy link with a full window, killed processes and an outage, all drawn from a seed."""
+"""One exchange over a lossy link with a full window, killed processes and an outage, drawn from a seed."""
 
 from __future__ import annotations
 
@@ -181,7 +181,7 @@ def _interrupt(both: TwoStores, duration_s: float) -> float:
 
 
 def _is_complete(both: TwoStores) -> bool:
-    """Return whether the ground has all products, and the robot knows it."""
+    """Return whether the ground has all products, and the robot has their acknowledgements."""
     if both.call(ROBOT_SIDE, "status")["backlog"]:
         return False
     counts = [both.call(side, "insertions") for side in (ROBOT_SIDE, GROUND_SIDE)]

@@ -45,7 +45,7 @@ def assert_identical(both: TwoStores) -> None:
 
 
 def wait_until_complete(both: TwoStores) -> None:
-    """Wait until the ground has as many products as the robot, and the robot knows it."""
+    """Wait until the ground has as many products as the robot, and the robot has their acknowledgements."""
 
     def is_complete() -> bool:
         insertions = [both.call(side, "insertions") for side in (ROBOT_SIDE, GROUND_SIDE)]

@@ -42,7 +42,7 @@ class RangeFilter:
     def update(self, stamp_ns: int, range_m: float, sigma_m: float, systematic: float) -> None:
         """Add a measurement; its standard deviation must be below half of the range.
 
-        ``systematic`` is a relative error that is the same in all measurements. A measurement that contradicts
+        ``systematic`` is a relative error of all measurements. A measurement that contradicts
         the range is not used; the fifth in succession replaces it.
         """
         z, variance = float(np.log(range_m)), (sigma_m / range_m) ** 2
