@@ -64,6 +64,10 @@ def _entry_findings(
         free = [name for name in ports if name not in entry.inputs]
         problem = f"{entry.name} has no such input port; expected {one_of(ports)}"
         yield Finding((*place, "inputs", port), problem, ABSENT, nearest_name(port, free))
+    for i, port in enumerate(entry.required_inputs):
+        at = (*place, "required_inputs", i)
+        if port not in entry.inputs and not reading.is_unreadable(*place, "inputs", port):
+            yield unknown_name(at, port, f"input of {entry.name} with a source", list(entry.inputs))
     if not unknown:
         yield from _missing_ports(reading, entry, ports, place)
     for name, text in entry.inputs.items():

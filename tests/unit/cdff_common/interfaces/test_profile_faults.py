@@ -27,6 +27,13 @@ MISTAKES = {
         "position_manager.inputs.odometry",
         "has the type IMUSensors, port odometry takes TransformWithCovariance",
     ),
+    "required input without a source": (
+        "        inputs:\n          odometry: sensor/wheels/odometry\n",
+        "        required_inputs: [odometrie]\n        inputs:\n          odometry: sensor/wheels/odometry\n",
+        "required_inputs",
+        "position_manager.required_inputs[0]",
+        "no such input of position_manager with a source",
+    ),
     "cloud wired to odometry": (
         "product/lidar_slam/odometry",
         "product/lidar_slam/cloud",
