@@ -94,7 +94,9 @@ def bounds_of(bounds: NDArray[np.float64]) -> tuple[float, float, float, float]:
 
 
 def window_around(frame: str, resolution_m: float, xy_m: NDArray[np.float64], size_m: float) -> GridGeometry:
-    """Return the square grid, aligned with the cells of the frame, whose centre is nearest to a position."""
+    """Return the square grid, aligned with the cells of the frame, with a position in its middle cell, or in
+    the upper right one of its four middle cells.
+    """
     cells = max(1, round(size_m / resolution_m))
     left = floor(xy_m[0] / resolution_m) - cells // 2
     top = floor(xy_m[1] / resolution_m) + 1 + (cells - 1) // 2

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from cdff_common.raster import GridGeometry
 from cdff_common.types import ElevationMap
@@ -11,7 +12,7 @@ from cdff_core.dfns.dem_fusion.rolling_window import RollingWindow
 from cdff_core.dfns.dem_fusion.tiled_map import TiledMap
 from cdff_core.dfns.dem_rasterisation.cell_statistics_raster import CellStatisticsRaster
 from cdff_core.dfns.dem_rasterisation.interface import DemRasterisationInputs
-from cdff_core.elevation.map_cells import MapCells
+from cdff_core.elevation.map_cells import MapCells, window_around
 from cdff_core.elevation.visibility import clear_seen_through
 
 S = 1_000_000_000
@@ -111,3 +112,13 @@ def test_points_crossed_by_later_rays_are_removed() -> None:
     assert clear_seen_through(cells, rays, 2 * S, 0.1) == 1
     assert not cells.statistics.observed[0, 10]
     assert np.count_nonzero(~cells.statistics.observed) == 1
+
+
+@pytest.mark.parametrize("size_m", [0.5, 2.0, 2.5])
+def test_a_window_has_the_position_in_its_middle_cell_or_the_upper_right_one_of_four(size_m: float) -> None:
+    for x_m, y_m in np.random.default_rng(2).uniform(-20.0, 20.0, (50, 2)):
+        grid = window_around("site", 0.5, np.array([x_m, y_m]), size_m)
+        assert grid.rows == grid.cols == round(size_m / 0.5)
+        column, row = int((x_m - grid.xmin_m) / 0.5), int((grid.ymax_m - y_m) / 0.5)
+        assert (column, row) == (grid.cols // 2, (grid.rows - 1) // 2)
+        assert grid.xmin_m % 0.5 == grid.ymax_m % 0.5 == 0.0

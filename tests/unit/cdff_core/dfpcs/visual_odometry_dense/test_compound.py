@@ -71,6 +71,26 @@ def test_a_change_of_exposure_does_not_change_the_motion(pairs: list[FramePair])
     assert np.linalg.norm(error(step(dfpc, pair_of(*brighter, 2), 2), 2)[:3]) < 0.003
 
 
+@pytest.mark.parametrize(("ratio", "contradicts"), [(1.0, False), (0.0, True)])
+def test_the_wheels_are_compared_with_the_motion(
+    pairs: list[FramePair], ratio: float, contradicts: bool
+) -> None:
+    dfpc = make_configured_dfpc()
+    T_base = TRUE_POSES @ se3.inverse(T_BASE_LEFT)
+    for i, pair in enumerate(pairs[:4]):
+        measured = se3.inverse(T_base[0]) @ T_base[i]
+        wheels = TransformWithCovariance.from_transform(
+            UncertainTransform(se3.transform(measured[:3, :3], ratio * measured[:3, 3])),
+            parent="mana/odom",
+            child="mana/base",
+            stamp_ns=i * STEP_NS,
+        )
+        list(dfpc.step(Sample("odometry", i * STEP_NS, i, wheels)))
+        output = step(dfpc, pair, i)
+    assert output.quality.metrics["prior_ratio"] > 0.0
+    assert any(reason.startswith("motion_prior") for reason in output.quality.reasons) == contradicts
+
+
 def test_a_missing_pair_is_bridged(pairs: list[FramePair]) -> None:
     dfpc = make_configured_dfpc()
     outputs = [step(dfpc, pairs[i], i) for i in (0, 1, 3, 4)]
