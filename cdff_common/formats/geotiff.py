@@ -141,6 +141,7 @@ def write_bands(
     *,
     tags: Mapping[str, str] | None = None,
     place: Georeference | None = None,
+    degrees: tuple[str, float, float, float, float] | None = None,
     cloud_optimized: bool = True,
 ) -> bytes:
     """Return a deflated GeoTIFF of float32 bands ``(rows, cols)``; without a geometry in pixel coordinates.
@@ -153,6 +154,9 @@ def write_bands(
         Tags of the file.
     place : Georeference, optional
         By default an engineering CRS named after the frame.
+    degrees : tuple, optional
+        Instead of a geometry: WKT of a geographic CRS, west and north edge, width and height of a cell,
+        degrees.
     cloud_optimized : bool
         Write a COG: tiles of 256 cells, header first, and overviews by nearest neighbour, since a mean of
         variances or counts has no meaning.
@@ -193,6 +197,10 @@ def write_bands(
             tags[_GRID_TAG] = " ".join(map(repr, (r, x, y)))
             transform = rasterio.Affine(a * r, -b * r, a * x + b * y + c, d * r, -e * r, d * x + e * y + f)
         profile["transform"] = transform
+    if degrees is not None:
+        wkt, west, north, width, height = degrees
+        profile["crs"] = rasterio.crs.CRS.from_wkt(wkt)
+        profile["transform"] = rasterio.Affine(width, 0.0, west, 0.0, -height, north)
     copied = {"driver": "COG", "blocksize": 256, "overview_resampling": "nearest", **packing}
 
     def fill(file: Any) -> None:

@@ -404,6 +404,42 @@ def test_gdal_reads_the_tiles_of_ogc_api(server: Server) -> None:
     assert result["observed"] > 0.9
 
 
+@pytest.mark.slow
+def test_a_recent_gdal_opens_the_coverage(server: Server) -> None:
+    pytest.importorskip("pyogrio", reason="pyogrio, which contains a recent GDAL, is not installed")
+    script = Path(__file__).parents[1] / "support" / "gdal_tiles.py"
+    collection = f"OGCAPI:{server.url}/ogc/collections/dem"
+    command = [sys.executable, str(script), collection, "API=COVERAGE", "CACHE=NO"]
+    answer = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    assert answer.returncode == 0, answer.stderr
+    result = json.loads(answer.stdout)
+    assert result["error"] == 0
+    assert result["observed"] > 0.8  # the largest height of each cell, 1 m, as a byte
+
+
+def test_gdal_3_6_reads_the_values_of_a_coverage(server: Server, tmp_path: Path) -> None:
+    """The driver calls every CRS WGS 84; the longitudes and latitudes are those of Mars."""
+    import rasterio
+
+    if shutil.which("gdal_translate") is None:
+        pytest.skip("gdal_translate is not installed; make peers installs it")
+    source, target = f"OGCAPI:{server.url}/ogc/collections/dem", tmp_path / "coverage.tif"
+    options = ["-oo", "API=COVERAGE", "-oo", "CACHE=NO"]
+    command = ["gdal_translate", "-q", source, str(target), *options]
+    answer = subprocess.run(command, capture_output=True, text=True, timeout=90, check=False)
+    assert answer.returncode == 0, answer.stderr
+    with rasterio.open(target) as file:
+        assert file.count == 6
+        west, south = lon_lat(0.0, 0.0)
+        east, north = lon_lat(2.0 * PATCHES, 2.0)
+        assert file.bounds == pytest.approx((west, south, east, north), abs=2e-6)
+        heights, variances = file.read(1), file.read(2)
+    inner = np.s_[1:-1, 1:-1]
+    assert heights.shape[1] > 10 * heights.shape[0]
+    np.testing.assert_allclose(heights[inner], 1.0)
+    np.testing.assert_allclose(variances[inner], 0.01, rtol=1e-5)
+
+
 def test_gdal_3_6_reads_features_by_both_of_its_drivers(server: Server) -> None:
     if shutil.which("ogrinfo") is None:
         pytest.skip("ogrinfo is not installed; make peers installs it")

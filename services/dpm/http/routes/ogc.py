@@ -485,6 +485,7 @@ def _described(collection: Collection, base: str, crs: CrsList | None) -> OgcCol
             else [
                 Link(href=f"{url}/map/tiles", rel=f"{_REL}/tilesets-map", type=JSON, title="Tiles"),
                 Link(href=f"{url}/coverage", rel=f"{_REL}/coverage", type="image/tiff", title="Values"),
+                *(_coverage_links(url) if collection.id == "dem" else []),
             ]
         ),
         *([] if collection.id == TRACKS else [Link(href=f"{url}/queryables", rel=QUERYABLES, type=SCHEMA)]),
@@ -510,6 +511,15 @@ def _described(collection: Collection, base: str, crs: CrsList | None) -> OgcCol
         storageCrs=storage,
         links=links,
     )
+
+
+def _coverage_links(url: str) -> list[Link]:
+    """Return the links of coverages in degrees, with the media type that GDAL expects."""
+    return [
+        Link(href=f"{url}/coverage", rel=f"{_REL}/coverage", type="image/tiff; application=geotiff"),
+        Link(href=f"{url}/coverage/domainset", rel=f"{_REL}/coverage-domainset", type=JSON),
+        Link(href=f"{url}/coverage/rangetype", rel=f"{_REL}/coverage-rangetype", type=JSON),
+    ]
 
 
 def _with(url: str, parameters: dict[str, Any]) -> str:

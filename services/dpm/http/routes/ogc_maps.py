@@ -7,6 +7,7 @@ Collections with maps are those of ``dem`` and ``navigation_map``; each layer of
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Any
 
 import numpy as np
@@ -21,11 +22,22 @@ from cdff_common.contract.queries import (
     WindowParameters,
 )
 from cdff_common.errors import InputError, ProductNotFoundError
+from cdff_common.formats.geotiff import write_bands
 from cdff_common.geometry import checked_frame
+from cdff_common.raster import GridGeometry
 from services.dpm.http.context import Context, Ctx
 from services.dpm.http.converted_files import file_response
 from services.dpm.http.html_pages import NegotiatedRoute
 from services.dpm.http.models import JSON, Json, Link
+from services.dpm.http.ogc.coverages import (
+    DegreeGrid,
+    domain_set,
+    elevation_extent,
+    range_type,
+    resolution_deg,
+    sampled,
+)
+from services.dpm.http.ogc.crs import CrsList, lonlat
 from services.dpm.http.ogc.wmts import GRID
 from services.dpm.http.routes.maps import origin_headers
 from services.dpm.http.routes.ogc import base_url
@@ -38,7 +50,7 @@ from services.dpm.http.routes.tiles import (
     tile_response,
 )
 from services.dpm.http.stac.catalogue import numbers_of, span_of
-from services.dpm.rendering.convert import convert
+from services.dpm.rendering.convert import Converted, convert
 from services.dpm.rendering.tiles import CLASSES, LAYERS, MEDIA_TYPES, RELIEF
 
 router = APIRouter(prefix="/ogc", tags=["ogc"], route_class=NegotiatedRoute)
@@ -81,8 +93,16 @@ class CoverageParameters(BaseModel):
 
     bbox: Annotated[str, Field(max_length=400)] | None = Field(
         None,
-        description="Four numbers west,south,east,north: longitudes and latitudes in degrees if the frame has a "
-        "body, otherwise x and y in metres; default: the extent of all maps",
+        description="Four numbers west,south,east,north: longitudes and latitudes in degrees if the frame has "
+        "a body, otherwise x and y in metres; default: the extent of all maps",
+    )
+    subset: Annotated[str, Field(max_length=200)] | None = Field(
+        None, description="Lon(west:east),Lat(south:north) instead of bbox, degrees; with scaleSize"
+    )
+    scaleSize: Annotated[str, Field(max_length=80)] | None = Field(
+        None,
+        description="Lon(columns),Lat(rows): elevation in cells of equal size in degrees, as the driver "
+        "OGCAPI of GDAL requests it; default: the cells of the frame",
     )
     datetime: Annotated[str, Field(max_length=100)] | None = Field(
         None, description="Captures that ended at or before a time, RFC 3339"
@@ -174,6 +194,9 @@ def coverage(
     frame, p = checked_frame(parameters.frame), parameters
     _, t1_ns = span_of(p.datetime)
     window: Json = {"frame": frame}
+    if p.scaleSize is not None:
+        grid = DegreeGrid.parse(p.bbox, p.subset, p.scaleSize)
+        return _in_degrees(context, collection, p, grid)
     window["region"] = None if p.bbox is None else _region(context, frame, p.bbox)
     window |= {"t1": None if t1_ns is None else str(t1_ns), "robot": p.robot}
     window |= {"resolution_m": p.resolution_m, "as_of": None if p.as_of is None else str(p.as_of)}
@@ -189,6 +212,63 @@ def coverage(
     body = convert(kind, "", None, "tif", None, result.header, result.map, place)
     headers = origin_headers(result.manifest())
     headers["Content-Datetime"] = f"{format_stamp(result.oldest_ns)}/{format_stamp(result.newest_ns)}"
+    return file_response(context, body, f"{collection}_coverage", headers)
+
+
+@router.get("/collections/{collection}/coverage/domainset", response_model=dict[str, Any])
+def coverage_domain_set(
+    context: Ctx, request: Request, collection: Name, frame: Frame = "site"
+) -> dict[str, Any]:
+    """Return the extent and the resolution of a coverage of elevation, degrees."""
+    _checked_elevation(collection)
+    body = elevation_extent(context, checked_frame(frame))[1].body
+    assert body is not None  # the frame is anchored
+    return domain_set(context, frame, CrsList(body, base_url(request)).uris[0])
+
+
+@router.get("/collections/{collection}/coverage/rangetype", response_model=dict[str, Any])
+def coverage_range_type(collection: Name) -> dict[str, Any]:
+    """Return the bands of a coverage of elevation."""
+    _checked_elevation(collection)
+    return range_type()
+
+
+def _checked_elevation(collection: str) -> None:
+    if collection != "dem":
+        raise ProductNotFoundError(f"collection {collection[:64]!r} has no coverage in degrees")
+
+
+def _in_degrees(context: Context, collection: str, p: CoverageParameters, grid: DegreeGrid) -> Response:
+    """Return elevation in cells of equal size in degrees; unobserved cells are NaN."""
+    _checked_elevation(collection)
+    extent, location = elevation_extent(context, checked_frame(p.frame))
+    assert location.body is not None  # the frame is anchored
+    points = location.points(grid.centres())[:, :2]
+    native_m = extent.resolution_m or 1.0
+    coarser = math.floor(grid.cell_deg[1] / resolution_deg(location, native_m))
+    edge_m = native_m * max(coarser, 1)
+    lower, upper = points.min(axis=0) - edge_m, points.max(axis=0) + edge_m
+    _, t1_ns = span_of(p.datetime)
+    window = {
+        "frame": p.frame,
+        "region": "bbox:" + ",".join(repr(float(v)) for v in (*lower, *upper)),
+        "resolution_m": str(edge_m) if coarser > 1 else p.resolution_m,
+        "t1": None if t1_ns is None else str(t1_ns),
+        "robot": p.robot,
+        "as_of": None if p.as_of is None else str(p.as_of),
+    }
+    known = {name: value for name, value in window.items() if value is not None}
+    try:
+        result = context.dpm.retrieval.elevation(WindowParameters.parse(known))
+        layers = {name: result.map.layer(name) for name in result.map.layer_names}
+        geometry, headers = result.map.geometry, origin_headers(result.manifest())
+    except ProductNotFoundError:
+        layers, geometry, headers = {}, GridGeometry(p.frame, 1.0, 0.0, 0.0, 1, 1), {}
+    bands = sampled(layers, points, geometry, grid.shape)
+    west, _, _, north = grid.bounds_deg
+    place = (lonlat(location.body).to_wkt(), west, north, *grid.cell_deg)
+    data = write_bands(bands, degrees=place, cloud_optimized=False)
+    body = Converted(data, "image/tiff; application=geotiff", "tif")
     return file_response(context, body, f"{collection}_coverage", headers)
 
 
