@@ -15,6 +15,7 @@ from types import TracebackType
 from typing import Any, Self, Unpack
 
 from cdff_common.bus import Bus, Reply, keys
+from cdff_common.bus.message import pack
 from cdff_common.client.answer import Answer
 from cdff_common.client.live_world import retrieve_world
 from cdff_common.client.request_options import RequestOptions, parameters_of
@@ -24,6 +25,7 @@ from cdff_common.clock import from_datetime, monotonic_s
 from cdff_common.codecs import CODECS, decode_payload, parse_encoding
 from cdff_common.contract.queries import (
     TERRAIN_ANALYSES,
+    ContactParameters,
     RequestParameters,
     SearchParameters,
     WithdrawalParameters,
@@ -313,6 +315,38 @@ class Client:
             keys.dpm_rpc(keys.GROUND, "withdraw"), parameters, timeout_s=_RETRIEVE_S
         ).body()
         return reply
+
+    def contact(self, what: str = "status", *, robot: str | None = None, **parameters: object) -> Any:
+        """Return the state of the exchange with robots over contact windows.
+
+        Parameters
+        ----------
+        what : str
+            ``status`` of all robots, ``plan`` (windows that have not ended), ``estimate`` of the arrival of
+            the products of ``robot``, or ``requests`` that are kept for robots.
+        robot : str, optional
+        parameters
+            Further fields of ``ContactParameters``: ``id`` of a request, ``limit``; ``first``, the id of a
+            product of ``robot`` that is sent before all others.
+        """
+        fields = {"what": what, "robot": robot, **parameters}
+        given_fields = {name: value for name, value in fields.items() if value is not None}
+        return self._dpm("contact", ContactParameters.parse(given_fields).to_parameters())
+
+    def request_after_contact(
+        self, product: str, robot: str, *, expires_s: float | None = None, **options: Unpack[RequestOptions]
+    ) -> dict[str, Any]:
+        """Keep a request for a robot that is out of contact; return its ``id`` and ``state`` at once.
+
+        ``contact("requests", id=…)`` returns the state and, when it is ``answered``, the id of the product.
+        """
+        fields = {"robot": robot} if expires_s is None else {"robot": robot, "expires_s": expires_s}
+        parameters = ContactParameters.parse(fields).to_parameters()
+        asked = {k: str(v) for k, v in parameters_of(product, robot, **options).items() if k != "robot"}
+        key = keys.dpm_rpc(keys.GROUND, "contact")
+        reply = self._bus.call(key, parameters, payload=pack({"parameters": asked}), timeout_s=_CALL_S)
+        body: dict[str, Any] = reply.body()
+        return body
 
     def pose(
         self,

@@ -481,8 +481,11 @@ class FaultParameters(RobotParameters):
 class ContactParameters(Parameters):
     """Parameters of ``dpm/@rpc/contact``."""
 
-    what: Literal["status", "estimate", "requests"] = Field("status", description="What to return")
-    robot: Robot | None = Field(None, description="Robot of the estimate or the request")
+    what: Literal["status", "plan", "estimate", "requests"] = Field("status", description="What to return")
+    robot: Robot | None = Field(None, description="Robot of the estimate, the windows or the request")
+    first: str | None = Field(
+        None, max_length=64, description="Product of the robot that is sent before all others, with robot"
+    )
     id: str | None = Field(None, pattern=rf"^{REQUEST_ID}$", description="Request to return or to keep")
     expires_s: Annotated[Number, Field(gt=0)] | None = Field(
         None, description="Time until a kept request expires, default a day"

@@ -191,6 +191,11 @@ class Ledger:
         )
         return [AnnouncedRow(*row) for row in rows]
 
+    def prioritise_announced(self, robot: str, ordinals: Iterable[int]) -> None:
+        """Note that the payloads of records are sent before others."""
+        statement = "UPDATE announced SET priority = 0 WHERE robot = ? AND ordinal = ?"
+        self._write(statement, [(robot, ordinal) for ordinal in ordinals])
+
     def remove_announced(self, robot: str, ordinals: Iterable[int]) -> None:
         """Remove records whose products are stored."""
         self._write("DELETE FROM announced WHERE robot = ? AND ordinal = ?", [(robot, o) for o in ordinals])

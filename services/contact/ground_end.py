@@ -17,7 +17,7 @@ from cdff_common.contract.names import GROUND
 from cdff_common.errors import CdffError, CodecError, InputError, StorageError
 from cdff_common.interfaces.contact_plan import ContactPlan
 from cdff_common.interfaces.profile import Exchange
-from dpm_store.exchange.ledger import Ledger
+from dpm_store.exchange.ledger import AnnouncedRow, Ledger
 from services.contact.arrivals import Arrivals
 from services.contact.conditions import ExchangeAlarms
 from services.contact.estimate import Waiting, estimate
@@ -39,6 +39,9 @@ _REQUESTS_S = 0.02
 _CONTACT_S = 3.0
 #: Time for which data are ignored after the disk was full.
 _BLOCKED_S = 2.0
+#: Period in which the products to be sent first are repeated to the robot, and their largest number, with
+#: which the packet fits in a datagram.
+_FIRST_S, MAX_FIRST = 2.0, 25
 #: Products in an answer.
 MAX_ITEMS = 1000
 
@@ -130,6 +133,59 @@ class GroundEnd:
             ],
             "complete_ns": None if None in times or not times else max(t for t in times if t is not None),
         }
+
+    def windows(self, robot: str | None = None) -> list[dict[str, Any]]:
+        """Return the windows that have not ended, of one robot or of all, in order."""
+        now_ns = self._dpm.clock.now_ns()
+        windows = [w for w in self._plan.windows if w.end_ns > now_ns and robot in (None, w.robot)]
+        return [
+            {
+                "robot": w.robot,
+                "start_ns": w.start_ns,
+                "end_ns": w.end_ns,
+                "rate_bit_s": w.rate_bit_s,
+                "up_bit_s": w.up_rate_bit_s,
+                "delay_s": w.delay_s,
+                "open": w.start_ns <= now_ns,
+            }
+            for w in sorted(windows, key=lambda w: w.start)
+        ]
+
+    def prioritise(self, robot: str, product_id: str) -> dict[str, Any]:
+        """Have a product sent before all others from the next contact on; return its estimate.
+
+        Raises
+        ------
+        InputError
+            For a robot without windows, or a product that is not on its way; or if too many were named.
+        """
+        self.estimate(robot)  # checks the robot
+        with self._lock:
+            waiting = {item.name for item in self._waiting(robot)}
+            first = [known for known in self._first(robot) if known in waiting]
+            if product_id not in waiting:
+                raise InputError(
+                    f"first={product_id[:64]!r}: no product of {robot} of which only the record is here"
+                )
+            if product_id not in first:
+                first.append(product_id)
+            if len(first) > MAX_FIRST:
+                raise InputError(f"{MAX_FIRST} products of {robot} are already sent before all others")
+            self._ledger.set_note(f"first/{robot}", first)
+            self._ledger.prioritise_announced(
+                robot,
+                [row.ordinal for row in self._ledger.announced(robot) if self._is(robot, row, product_id)],
+            )
+        (item,) = [item for item in self.estimate(robot)["items"] if item["id"] == product_id]
+        return dict(item)
+
+    def _first(self, robot: str) -> list[str]:
+        first: list[str] = self._ledger.note(f"first/{robot}", [])
+        return first
+
+    def _is(self, robot: str, row: AnnouncedRow, product_id: str) -> bool:
+        record = self._robots[robot].arrivals.announced(row.ordinal)
+        return record is not None and record.id == product_id
 
     def _item(self, item: Waiting, arrives_ns: int | None) -> dict[str, Any]:
         return {
@@ -267,6 +323,11 @@ class GroundEnd:
                 if now_s >= state.times.get(row.id, 0.0):
                     state.times[row.id] = now_s + 2.0 * window.delay_s + 2.0 * period_s
                     self._put(robot, pack(Kind.REQUEST, row.id, row.body, row.expires_ns))
+        if now_s >= state.times.get("first", 0.0):
+            state.times["first"] = now_s + _FIRST_S + 2.0 * window.delay_s
+            missing = [key for key in self._first(robot) if not self._dpm.store.live([key])]
+            if missing:
+                self._put(robot, pack(Kind.FIRST, missing))
         if now_s >= state.times.get("acknowledgement", 0.0):
             state.times["acknowledgement"] = now_s + period_s
             with self._lock:

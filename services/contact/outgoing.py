@@ -98,7 +98,7 @@ class Outgoing:
         """Send a product before all others, because it was requested."""
         ordinal = self._ledger.prioritise(product_id)
         row = None if ordinal is None else self._products.get(ordinal)
-        if row is not None:
+        if row is not None and row.priority != URGENT:
             self._add(row._replace(priority=URGENT))
 
     def backlog(self) -> dict[int, list[int]]:

@@ -4,7 +4,7 @@
 
 Down (from the robot): ``HELLO epoch store_id backlog now_ns``, ``DATA epoch seq key total offset bytes``,
 ``TAKEN id``, ``RESULT id result``. Up: ``WELCOME epoch parts``, ``ACK epoch low high missing done wanted``,
-``REQUEST id body expires_ns``, ``NOTED id``.
+``REQUEST id body expires_ns``, ``NOTED id``, ``FIRST ids``.
 
 An *item* is a sequence of bytes with a key: the record of a product, the payload of a product, or a bundle of
 events. Its number is the ordinal of an event of the robot's store.
@@ -44,6 +44,7 @@ class Kind(IntEnum):
     TAKEN = 5
     RESULT = 6
     NOTED = 7
+    FIRST = 8
 
 
 class Item(IntEnum):

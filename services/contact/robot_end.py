@@ -220,6 +220,9 @@ class RobotEnd:
                     self.outgoing.want(key, ranges)
             case Kind.REQUEST:
                 self._accept(*fields)
+            case Kind.FIRST:
+                for product_id in fields[0]:
+                    self.outgoing.prioritise(str(product_id))
             case Kind.NOTED:
                 self._ledger.set_request(fields[0], "answered")
 

@@ -51,7 +51,9 @@ def start_exchange(
 
 
 def answer(ground: GroundEnd, request: Request) -> dict[str, Any]:
-    """Return the status of all robots, the estimate of one, or requests; with a body keep a request.
+    """Return the status of all robots, windows, the estimate of a robot, or requests.
+
+    With a body a request is kept; with ``first`` a product is sent before all others.
 
     Raises
     ------
@@ -68,11 +70,17 @@ def answer(ground: GroundEnd, request: Request) -> dict[str, Any]:
             raise InputError("a request for a robot: expected robot= and a body {parameters: {type: …}}")
         expires = {} if p.expires_s is None else {"expires_s": p.expires_s}
         return ground.requests.add(p.robot, parameters, request_id=p.id, **expires)
+    if p.first is not None:
+        if p.robot is None:
+            raise InputError("first: the parameter robot is missing")
+        return ground.prioritise(p.robot, p.first)
     if p.id is not None:
         return ground.requests.get(p.id)
     match p.what:
         case "status":
             return {"robots": ground.status()}
+        case "plan":
+            return {"items": ground.windows(p.robot)}
         case "requests":
             return {"items": ground.requests.everything()}
         case _ if p.robot is None:

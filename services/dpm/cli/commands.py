@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from cdff_common.process import data_dir_of
-from services.dpm.cli import terrain_commands
+from services.dpm.cli import contact_commands, terrain_commands
 
 
 def register(nouns: Any) -> None:
@@ -123,6 +123,7 @@ def register(nouns: Any) -> None:
     )
     _export_arguments(export)
     terrain_commands.register(verbs)
+    contact_commands.register(verbs)
     for verb in (search, get, put, remove, withdraw, stat, retention, export):
         verb.add_argument("--connect", help="endpoint of the router; CDFF_CONNECT, tcp/127.0.0.1:7447")
         verb.add_argument("--json", action="store_true")
