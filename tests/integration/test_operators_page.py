@@ -366,6 +366,23 @@ def test_two_fingers_zoom_around_the_point_between_them(page: Browser) -> None:
     page.eventually("Math.abs(map.x - 26) < 0.5")
 
 
+def test_the_map_is_moved_by_keys_and_the_page_is_dark_in_a_dark_room(page: Browser) -> None:
+    page.value("look(0, 0, 17); view().focus()")
+    for key in ("ArrowRight", "ArrowUp"):
+        page.send("Input.dispatchKeyEvent", type="keyDown", key=key)
+        page.send("Input.dispatchKeyEvent", type="keyUp", key=key)
+    assert page.value("[map.x, map.y]") == pytest.approx([6.4, 6.4])
+    page.value("document.getElementById('map-fit').click()")
+    page.eventually("Math.abs(map.x - 26) < 0.5")
+    scheme = {"name": "prefers-color-scheme", "value": "dark"}
+    page.send("Emulation.setEmulatedMedia", features=[scheme])
+    try:
+        background = "getComputedStyle(document.body).backgroundColor.match(/[0-9]+/g).map(Number)"
+        assert max(page.value(background)) < 40
+    finally:
+        page.send("Emulation.setEmulatedMedia", features=[])
+
+
 @pytest.mark.parametrize("width", [360, 390, 2560])
 def test_the_page_is_not_wider_than_the_screen(page: Browser, width: int) -> None:
     page.send(

@@ -37,7 +37,7 @@ class NegotiatedRoute(APIRoute):
     """Route whose JSON answers are also pages."""
 
     def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
-        """Return a handler that converts the JSON answer of the route to a page for clients that ask for HTML."""
+        """Return a handler that converts the JSON answer of the route to a page if a client asks for HTML."""
         handler = super().get_route_handler()
 
         async def negotiated(request: Request) -> Response:

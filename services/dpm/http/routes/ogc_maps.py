@@ -93,8 +93,8 @@ class CoverageParameters(BaseModel):
 
     bbox: Annotated[str, Field(max_length=400)] | None = Field(
         None,
-        description="Four numbers west,south,east,north: longitudes and latitudes in degrees if the frame has "
-        "a body, otherwise x and y in metres; default: the extent of all maps",
+        description="Four numbers west,south,east,north: longitudes and latitudes in degrees if the frame "
+        "has a body, otherwise x and y in metres; default: the extent of all maps",
     )
     subset: Annotated[str, Field(max_length=200)] | None = Field(
         None, description="Lon(west:east),Lat(south:north) instead of bbox, degrees; with scaleSize"
