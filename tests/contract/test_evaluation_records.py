@@ -20,7 +20,6 @@ _FIRST_RECORDED = "4ca50e4caaf14ba5c03db59f1252a4e7f6945d49"
 #: Records of earlier code whose tree had changes, or whose commit was rebased, see docs/evaluation/index.md.
 _OF_UNKNOWN_CODE = (
     "lidar_localisation_searches",
-    "lidar_slam_peer",
     "visual_odometry_sparse",
 )
 
