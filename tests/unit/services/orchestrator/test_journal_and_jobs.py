@@ -54,6 +54,21 @@ def test_a_truncated_last_line_is_removed_and_invalid_lines_are_skipped(tmp_path
     journal.close()
 
 
+@pytest.mark.parametrize("progress", [True, False])
+def test_only_the_end_of_a_job_with_progress_is_written_to_the_disk_at_once(
+    tmp_path: Path, progress: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    journal, durable = Journal(tmp_path / "journal.jsonl"), list[bool]()
+    monkeypatch.setattr(journal, "append", lambda *_, **values: durable.append(values.get("durable", True)))
+    jobs = JobRegistry(journal, 4)
+    job = jobs.open(ProductRequest("1", "pose", "mana", progress=progress))
+    durable.clear()
+    for state in (JobState.LOOKING, JobState.DELIVERING, JobState.DONE):
+        jobs.move(job, state)
+    assert durable == [False, False, progress]
+    journal.close()
+
+
 def test_a_compacted_journal_continues_from_its_summary_and_the_old_one_is_kept(
     tmp_path: Path,
 ) -> None:

@@ -15,7 +15,7 @@ from cdff_common.interfaces.profile import load_profile
 from cdff_core.orchestration.acceptance import Assessment, ProductCandidate
 from cdff_core.orchestration.accuracy import Accuracy
 from cdff_core.orchestration.coverage import RegionCoverage
-from cdff_core.orchestration.planner import Plan
+from cdff_core.orchestration.planner import NoPlan, Plan
 from cdff_core.orchestration.request import parse_request
 from cdff_core.orchestration.world import Provider, ProviderId, World
 from services.orchestrator.planning import RequestPlanner
@@ -241,3 +241,15 @@ def test_a_degraded_product_of_an_earlier_activation_is_not_the_accuracy_of_a_df
     request = parse_request({"type": "dem", "robot": "mana", "max_sigma_m": "0.1"}, "mana")
     known = planner.accuracies(request, ["mana"], 1.0)
     assert known == dict.fromkeys(((FINE, ""), (COARSE, "")), finder.measured if counts else described)
+
+
+@pytest.mark.parametrize(("acquire", "end"), [("now", "acquisition"), ("pan_deg:30", " with pan_deg:30.0")])
+def test_a_plan_without_a_sensor_for_single_acquisitions_is_refused_with_the_parameters(
+    acquire: str, end: str
+) -> None:
+    result, _ = two_mappers(StoredFinder()).best(
+        request(acquire=acquire), ("mana",), None, frozenset(), 0.0, 10.0
+    )
+    assert isinstance(result, NoPlan)
+    assert result.text.startswith("no sensor of the plan (none) has a mode for a single acquisition")
+    assert result.text.endswith(end)
