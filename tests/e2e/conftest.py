@@ -20,23 +20,23 @@ from cdff_dev.simulate.scenario import load_scenario
 from cdff_dev.simulate.store import simulated_log
 
 
-@pytest.fixture(scope="package")
+@pytest.fixture(scope="module")
 def endpoint() -> str:
     return f"tcp/127.0.0.1:{free_port()}"
 
 
-@pytest.fixture(scope="package")
+@pytest.fixture(scope="module")
 def http() -> str:
     return f"127.0.0.1:{free_port()}"
 
 
-@pytest.fixture(scope="package")
+@pytest.fixture(scope="module")
 def traverse() -> Path:
     """The log of the simulated traverse, simulated once and then cached."""
     return simulated_log(load_scenario("rover_traverse"))
 
 
-@pytest.fixture(scope="package")
+@pytest.fixture(scope="module")
 def stage(endpoint: str, http: str, traverse: Path) -> Iterator[Stage]:
     """Every service of the rover profile; the simulated traverse is played at 0.3 of real time."""
     path = deploy_folder() / "profiles" / "rover_traverse.yaml"
