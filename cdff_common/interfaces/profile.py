@@ -229,9 +229,8 @@ class Robot(StrictModel):
                     raise ValueError(
                         f"{self.id}.{entry.name} needs mode {sensor}:{required}, which no sensor has"
                     )
-            if unknown_ports := set(entry.required_inputs) - entry.inputs.keys():
-                ports = ", ".join(sorted(unknown_ports))
-                raise ValueError(f"{self.id}.{entry.name} requires inputs without a source: {ports}")
+            if unknown := [port for port in entry.required_inputs if port not in entry.inputs]:
+                raise ValueError(f"{self.id}.{entry.name} requires inputs without a source: {unknown}")
             for port, wiring in entry.inputs.items():
                 for source in Wiring.parse(wiring).sources:
                     streams = self.sensors.get(source.owner, _NO_SENSOR).streams
@@ -558,9 +557,8 @@ def read_mask(path: Path) -> str:
     try:
         return base64.b64encode(path.read_bytes()).decode("ascii")
     except OSError as error:
-        raise ConfigurationError(
-            f"mask {path}: cannot be read ({error.strerror}), expected an image such as a PNG"
-        ) from error
+        reason = f"cannot be read ({error.strerror}), expected an image such as a PNG"
+        raise ConfigurationError(f"mask {path}: {reason}") from error
 
 
 def scopes_of(robots: Iterable[str], scope: str) -> tuple[str, ...]:
@@ -569,9 +567,7 @@ def scopes_of(robots: Iterable[str], scope: str) -> tuple[str, ...]:
 
 
 def profile_of_scope(profile: Profile, scope: str) -> Profile:
-    """Return the part of a profile for a service with ``--scope``; raises ConfigurationError for an unknown
-    one.
-    """
+    """Return the part of a profile for ``--scope``; raises ConfigurationError for an unknown one."""
     if scope in ("", GROUND):
         return profile
     if scope not in profile.robot_ids:

@@ -28,7 +28,7 @@ def served(folder: Path, *sources: str) -> list[dict[str, Any]]:
         file.write_text(source, encoding="utf-8")
         requests.append(
             json.dumps(
-                {"arguments": [str(file), "-c", str(folder / "pytest.ini")], "cpu_s": 1, "idle_s": 1.0}
+                {"arguments": [str(file), "-c", str(folder / "pytest.ini")], "cpu_s": 3, "idle_s": 3.0}
             )
         )
     (folder / "pytest.ini").write_text(
