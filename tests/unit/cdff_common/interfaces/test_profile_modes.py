@@ -92,7 +92,5 @@ def test_an_input_may_be_a_product_of_any_robot_in_the_dpm() -> None:
 
 def test_a_required_input_needs_a_source() -> None:
     assert robot(required_inputs=["stereo"]).robots[0].dfpcs[0].required_inputs == ("stereo",)
-    with pytest.raises(
-        ValidationError, match="visual_odometry_sparse requires inputs without a source: .'mask'"
-    ):
+    with pytest.raises(ValidationError, match=r"requires inputs without a source: \['mask'\]"):
         robot(required_inputs=["stereo", "mask"])
