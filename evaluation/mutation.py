@@ -113,8 +113,9 @@ def _part_of(root: Path, module: str) -> str:
 
 
 def _drawn(root: Path, files: list[str], seed: str) -> Iterator[Mutant]:
-    """Yield the valid mutants of files in an order that is random, and that a change of the code changes only
-    for the changed functions.
+    """Yield the valid mutants of files in random order.
+
+    A change of a function changes the positions of its own mutants only.
     """
     sources = {name: (root / name).read_bytes() for name in files}
     candidates = [mutant for path, source in sources.items() for mutant in mutants(path, source)]

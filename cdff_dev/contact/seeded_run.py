@@ -43,7 +43,7 @@ class RunResult:
         New bytes at the ground, divided by those that the link can carry while it exists and both processes
         run, in the first window.
     resent : float
-        Share of the sent item bytes that was sent before.
+        Fraction of the sent item bytes that were sent before.
     disordered : int
         Products that were stored at the ground before one of a higher priority.
     """
@@ -60,7 +60,7 @@ class RunResult:
     disordered: int
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain data with rounded shares."""
+        """Return plain data with rounded fractions."""
         rounded = {"used": round(self.used, 3), "resent": round(self.resent, 3)}
         return asdict(self) | rounded | {"delay_s": round(self.delay_s, 3), "killed": list(self.killed)}
 
@@ -103,7 +103,7 @@ def seeded_run(
     window_s : float
         Duration of the first window.
     loss : float
-        Share of the datagrams that are lost.
+        Fraction of the datagrams that are lost.
     delay_s : float, optional
         One-way delay; drawn from the seed if it is not given.
 
@@ -163,7 +163,7 @@ def _wait_until(both: TwoStores, time_s: float) -> None:
 
 
 def _kill_and_restart(both: TwoStores, side: str, counters: _Counters, window_s: float) -> float:
-    """Kill and restart a process; return the time without it, seconds."""
+    """Kill a process and start it again; return the time for which it did not run, seconds."""
     counters.add(side, both.call(side, "status"))
     start_s = both.now_s
     both.kill(side)
@@ -172,7 +172,7 @@ def _kill_and_restart(both: TwoStores, side: str, counters: _Counters, window_s:
 
 
 def _interrupt(both: TwoStores, duration_s: float) -> float:
-    """Interrupt the link; return the duration."""
+    """Interrupt the link; return the duration of the interruption, seconds."""
     start_s = both.now_s
     both.link.cut()
     _wait_until(both, start_s + duration_s)

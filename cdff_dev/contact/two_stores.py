@@ -116,7 +116,7 @@ class EndProcess:
 
 
 class TwoStores:
-    """Context manager: both stores in a folder, a contact plan and the link between them.
+    """Two stores in a folder with a contact plan and a simulated link; a context manager.
 
     Parameters
     ----------

@@ -28,7 +28,7 @@ class ExchangeAlarms:
         self._start_ns = clock.now_ns()
 
     def storage_failed(self, source: str, error: Exception) -> None:
-        """Report that received data, or the state of the exchange, cannot be written."""
+        """Set the alarm of a failed write: of received data, or of the state of the exchange."""
         self._alarms.set(
             "contact_storage",
             source,
@@ -38,11 +38,11 @@ class ExchangeAlarms:
         )
 
     def storage_works(self, source: str) -> None:
-        """End the alarm of a full disk."""
+        """Clear the alarm of a failed write."""
         self._alarms.clear("contact_storage", source)
 
     def compare_clock(self, robot: str, robot_ns: int, delay_s: float) -> None:
-        """Compare the mission time in a packet of a robot with that of the ground."""
+        """Set the alarm of a clock that differs, from the mission time in a packet of a robot, or clear it."""
         difference_s = (robot_ns - self._clock.now_ns()) / 1e9 + delay_s
         if abs(difference_s) <= CLOCK_LIMIT_S:
             self._alarms.clear("contact_clock", robot)
@@ -54,7 +54,7 @@ class ExchangeAlarms:
         self._alarms.set("contact_clock", robot, Severity.WARNING, what, "synchronise the clock of the robot")
 
     def check_windows(self, robot: str, heard_ns: int | None) -> None:
-        """Report that the last window of a robot has ended without a packet of it."""
+        """Set the alarm of a missed window if the robot sent no packet in its last window, or clear it."""
         now_ns = self._clock.now_ns()
         ended = [
             window
@@ -72,7 +72,7 @@ class ExchangeAlarms:
         self._alarms.set("contact_missed", robot, Severity.WARNING, what, remedy)
 
     def product_refused(self, robot: str, error: Exception) -> None:
-        """Report a product that this store can never take."""
+        """Set the alarm of a product that the store refuses permanently."""
         self._alarms.set(
             "contact_refused",
             robot,

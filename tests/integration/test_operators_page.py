@@ -165,9 +165,8 @@ def open_page(port: int, folder: Path) -> Iterator[Browser]:
     """Open the page in a browser; skip the test if no browser is installed."""
     program = next((path for name in BROWSERS if (path := shutil.which(name))), None)
     if program is None:
-        pytest.skip(
-            f"no browser of the Chromium family is installed: none of {', '.join(BROWSERS)} was found"
-        )
+        reason = f"no browser of the Chromium family is installed: none of {', '.join(BROWSERS)} was found"
+        pytest.skip(reason)
     browser = Browser(program, folder)
     try:
         browser.send("Page.navigate", url=f"http://127.0.0.1:{port}/")
@@ -551,7 +550,7 @@ JOBS = {
 
 
 def test_goals_of_requests_are_drawn_with_their_state_in_the_frame_of_the_map(page: Browser) -> None:
-    """The robot is at x = 2 m; a request in the frame of the robot moves with it."""
+    """The region of a request in the frame of the robot is drawn at the robot, which is at x = 2 m."""
     jobs = {
         name: [
             {
@@ -608,7 +607,7 @@ def test_goals_of_requests_are_drawn_with_their_state_in_the_frame_of_the_map(pa
 def test_tracked_objects_are_on_the_map_and_in_the_list_with_the_errors_of_their_positions(
     tmp_path: Path,
 ) -> None:
-    """A track in the frame of the robot, which is at x = 2 m and then at x = 3 m."""
+    """The track is in the frame of the robot, which moves from x = 2 m to x = 3 m."""
     with open_store(f"sqlite:///{tmp_path / 'store'}", ManualClock(100 * S)) as store:
         dpm = Dpm(store)
         dpm.writer.put(*put_arguments(elevation(0.0), "dem", 1, resolution_m=0.1))

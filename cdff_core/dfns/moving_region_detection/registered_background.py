@@ -141,7 +141,7 @@ class RegisteredBackground(Interface[RegisteredBackgroundConfig]):
         fresh = count <= 0.0
         if inputs.replaced is not None:
             fresh |= inputs.replaced
-        # Before rough ground, a smooth object looks like ground that another object has left.
+        # A smooth object in front of rough ground has the same edges as ground that an object has left.
         fresh |= vacated if inputs.departed is None else vacated & ~inputs.departed
         # A region of a known background is learnt slowly.
         region_gain = np.where(count >= _KNOWN, np.float32(_REGION_GAIN), np.float32(0.0))

@@ -11,8 +11,8 @@ import numpy as np
 _RATE_SIGMA, _RATE_MEMORY_S = 0.005, 20.0
 #: Spectral density of the change of the rate, with which its standard deviation is constant, 1/s³.
 _NOISE = 2.0 * _RATE_SIGMA**2 / _RATE_MEMORY_S
-#: Standard deviations beyond which a measurement is of another object or part and not used, and number of
-#: successive ones that replace the range.
+#: Innovation, in standard deviations, above which a measurement is refused, and number of successive refused
+#: measurements with which the filter starts again.
 _GATE, _REPLACE = 4.0, 5
 #: Relative standard deviation from which a range is not observable.
 _UNOBSERVABLE = 0.5

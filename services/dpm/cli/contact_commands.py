@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""``cdff dpm contact status|plan|estimate|requests|request|first``: the exchange over contact windows."""
+"""``cdff dpm contact``: commands that show and control the exchange with robots over contact windows."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from cdff_common.errors import InputError
 _HELP = {
     "status": "contact, next window, backlog and counters of each robot",
     "plan": "windows that have not ended",
-    "estimate": "products of a robot that are not at the ground, and when they arrive",
+    "estimate": "products of a robot that are not at the ground, with their expected arrival",
     "requests": "requests that are kept for robots, and their states",
     "request": "keep a request for a robot that is out of contact",
     "first": "send a product of a robot before all others",

@@ -36,37 +36,54 @@ _SIZE = re.compile(r"(Lon|Lat)\(([0-9]{1,7})\)")
 
 @dataclass(frozen=True, slots=True)
 class DegreeGrid:
-    """Cells of equal size in degrees, row 0 in the north."""
+    """Cells of equal size in degrees, row 0 in the north.
+
+    Attributes
+    ----------
+    bounds_deg : tuple of 4 float
+        West, south, east and north edge, degrees.
+    shape : tuple of 2 int
+        Rows and columns.
+    """
 
     bounds_deg: tuple[float, float, float, float]
     shape: tuple[int, int]
 
     @classmethod
     def parse(cls, bbox: str | None, subset: str | None, size: str) -> DegreeGrid:
-        """Return the grid of ``bbox=`` or ``subset=Lon(a:b),Lat(a:b)``, and ``scaleSize=Lon(n),Lat(n)``."""
+        """Return the grid of ``bbox=`` or ``subset=Lon(a:b),Lat(a:b)``, and ``scaleSize=Lon(n),Lat(n)``.
+
+        Raises InputError.
+        """
+        if bbox is not None and subset is not None:
+            raise InputError(f"subset={subset[:80]!r}: not together with bbox")
         sides = {axis: int(n) for axis, n in _all(_SIZE, size, "scaleSize")}
         if subset is not None:
             limits = {axis: f"{lower},{upper}" for axis, lower, upper in _all(_SUBSET, subset, "subset")}
-            west, east, south, north = numbers_of(f"{limits['Lon']},{limits['Lat']}") or []
+            try:
+                west, east, south, north = map(float, f"{limits['Lon']},{limits['Lat']}".split(","))
+            except ValueError as error:
+                raise InputError(f"subset={subset[:80]!r}: expected numbers, degrees") from error
         else:
             numbers = numbers_of(bbox or "") or []
             if len(numbers) != 4:
                 raise InputError(f"bbox={(bbox or '')[:80]!r}: expected 4 numbers, or subset=")
             west, south, east, north = numbers
         if not (-360.0 <= west < east <= 360.0 and -90.0 <= south < north <= 90.0):
-            raise InputError("subset: expected lower below upper limits, degrees")
+            name, text = ("bbox", bbox) if subset is None else ("subset", subset)
+            raise InputError(f"{name}={(text or '')[:80]!r}: expected west < east and south < north, degrees")
         if not 0 < sides["Lon"] * sides["Lat"] <= _MAX_CELLS:
             raise InputError(f"scaleSize={size[:80]!r}: expected 1 to {_MAX_CELLS} cells")
         return cls((west, south, east, north), (sides["Lat"], sides["Lon"]))
 
     @property
     def cell_deg(self) -> tuple[float, float]:
-        """Width and height of a cell."""
+        """Width and height of a cell, degrees."""
         west, south, east, north = self.bounds_deg
         return (east - west) / self.shape[1], (north - south) / self.shape[0]
 
     def centres(self) -> NDArray[np.float64]:
-        """Return longitudes and latitudes of the cells ``(rows * cols, 2)``, degrees."""
+        """Return longitude and latitude of the centre of each cell, ``(rows * cols, 2)``, degrees."""
         west, _, _, north = self.bounds_deg
         (width, height), (rows, cols) = self.cell_deg, self.shape
         lon = west + (np.arange(cols) + 0.5) * width
@@ -75,7 +92,7 @@ class DegreeGrid:
 
 
 def _all(form: re.Pattern[str], text: str, name: str) -> list[tuple[Any, ...]]:
-    """Return the parts of both axes; raises InputError if the text has others."""
+    """Return axis and values of each axis in a text such as ``Lon(7:8),Lat(1:2)``; raises InputError."""
     parts = [part.fullmatch(item) for part, item in ((form, item) for item in text.split(","))]
     found = [part.groups() for part in parts if part is not None]
     if len(parts) != 2 or {part[0] for part in found} != set(AXES):

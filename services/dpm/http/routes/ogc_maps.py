@@ -194,6 +194,8 @@ def coverage(
     frame, p = checked_frame(parameters.frame), parameters
     _, t1_ns = span_of(p.datetime)
     window: Json = {"frame": frame}
+    if p.subset is not None and p.scaleSize is None:
+        raise InputError(f"subset={p.subset[:80]!r}: the parameter scaleSize is missing")
     if p.scaleSize is not None:
         grid = DegreeGrid.parse(p.bbox, p.subset, p.scaleSize)
         return _in_degrees(context, collection, p, grid)

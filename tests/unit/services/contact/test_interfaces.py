@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The exchange over the bus, the Python client and ``cdff dpm contact``."""
+"""Calls of the exchange by the bus, the Python client and ``cdff dpm contact``."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ SECOND_CLOUD = 2 * 22 - 1
 
 
 class BusOfGround:
-    """Bus on which only the exchange of the ground answers."""
+    """Bus double: passes each call to the exchange of the ground."""
 
     def __init__(self, ground: GroundEnd) -> None:
         self._ground = ground
@@ -42,13 +42,13 @@ class BusOfGround:
 
 @pytest.fixture
 def plan() -> ContactPlan:
-    """A window that is open and a later one."""
+    """A plan with an open window and a later window."""
     return ContactPlan(windows=(window(0, 100, 1e6), window(1000, 1100, delay_s=0.5)))
 
 
 @pytest.fixture
 def ground(ends: Ends, plan: ContactPlan, monkeypatch: pytest.MonkeyPatch) -> Iterator[GroundEnd]:
-    """The end of the ground, which answers the calls of every client."""
+    """The exchange of the ground with the robot; both ends run in this process."""
     with ends.start_ground(plan) as end:
         monkeypatch.setattr("cdff_common.client.client.Bus.open", lambda *_, **__: BusOfGround(end))
         yield end

@@ -111,12 +111,15 @@ def test_the_bands_are_listed_and_the_collection_links_them(http: TestClient, an
         {"scaleSize": "Lon(4),Lat(3)", "subset": "Lon(1.2.3:4),Lat(1:2)"},
         {"scaleSize": "Lon(4),Lat(3)", "subset": "Lon(1:4),Lon(1:2)"},
         {"scaleSize": "Lon(4),Lat(3)", "subset": "(" * 150},
+        {"subset": "Lon(77:78),Lat(18:19)"},
+        {"scaleSize": "Lon(4),Lat(3)", "subset": "Lon(77:78),Lat(18:19)", "bbox": "77,18,78,19"},
     ],
 )
 def test_unusable_grids_are_refused(http: TestClient, anchor: Anchor, query: dict[str, str]) -> None:
     answer = http.get(COVERAGE, params=query)
     assert answer.status_code in (400, 422)
     assert answer.json()["detail"]
+    assert any(name in answer.json()["detail"] for name in query) or "bbox" in answer.json()["detail"]
 
 
 def test_frames_and_collections_without_coverages_are_not_found(http: TestClient, anchor: Anchor) -> None:

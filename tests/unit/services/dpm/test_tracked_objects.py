@@ -91,7 +91,7 @@ def test_positions_are_listed_with_their_covariances_in_the_frame_that_is_asked_
     earlier, last = item["states"]
     assert earlier["position_m"] is None  # no pose of the robot is known a second earlier
     assert last["position_m"] == pytest.approx([5.0, 0.0, 0.0])
-    # The rotation error of the robot moves the object across the direction to it: 0.04 + 0.01 + 3² · 0.01.
+    # Across the direction to the object, the rotation variance of the robot adds 3² · 0.01 at 3 m.
     assert np.diag(last["position_covariance"]) == pytest.approx([0.05, 0.1 + 0.09, 0.05 + 0.09])
     (item,) = http.get("/api/v1/tracks", params={"position_frame": "minnie/base"}).json()["items"]
     assert {s["position_m"] is None for s in item["states"]} == {True}
