@@ -15,6 +15,7 @@ from cdff_common.errors import StorageError
 from cdff_common.output import make_folder
 from cdff_common.process import lock_file
 from dpm_store.changes.change_recorder import ChangeRecorder, ServerChanges
+from dpm_store.engine.commit_watch import CommitWatch
 from dpm_store.engine.database import Database
 from dpm_store.engine.disk_space import LOW_WATER_BYTES, DiskSpace
 from dpm_store.engine.location import StoreLocation, parse_url
@@ -197,6 +198,13 @@ class Store:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+    def watch(self, *, takes_lease: bool = False) -> CommitWatch:
+        """Follow the commits of all processes that have the store open; close the watch before the store.
+
+        With ``takes_lease`` this process maintains the store: retention, recording and publication.
+        """
+        return self._database.dialect.watch(self._database.engine, takes_lease=takes_lease)
 
     def close(self) -> None:
         """Close the database and release the directory for another process."""

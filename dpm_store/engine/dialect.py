@@ -16,6 +16,8 @@ from typing import Any, Protocol
 from sqlalchemy import ColumnElement, Connection, Engine, Select, Subquery, Table
 from sqlalchemy.sql.dml import Insert
 
+from dpm_store.engine.commit_watch import CommitWatch
+
 #: Execution option of a connection for a transaction that writes.
 WRITES = "cdff_writes"
 
@@ -48,6 +50,9 @@ class Dialect(Protocol):
 
     def open_engine(self, location: Path | str) -> Engine:
         """Open or create the database in a file, or connect to that of a URL; every commit is durable."""
+
+    def watch(self, engine: Engine, *, takes_lease: bool) -> CommitWatch:
+        """Follow the commits of all processes; see ``CommitWatch``."""
 
     def checkpoint(self, engine: Engine) -> None:
         """Shorten the write-ahead log as far as readers allow; raises StorageError if the disk fails."""

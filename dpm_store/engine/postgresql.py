@@ -46,7 +46,9 @@ from sqlalchemy.exc import DatabaseError
 
 from cdff_common.errors import ConfigurationError, OverloadedError
 from dpm_store.engine import schema
+from dpm_store.engine.commit_watch import CommitWatch
 from dpm_store.engine.dialect import WRITES, IndexBox, IndexEntry
+from dpm_store.engine.server_watch import CHANNEL, ServerWatch
 
 FILE_NAME = ""
 is_shared = True
@@ -107,6 +109,11 @@ def open_engine(location: Path | str) -> Engine:
     )
     event.listen(engine, "begin", _on_begin)
     return engine
+
+
+def watch(engine: Engine, *, takes_lease: bool) -> CommitWatch:
+    """Follow the commits of all processes with a connection of its own."""
+    return ServerWatch(engine, takes_lease=takes_lease)
 
 
 def checkpoint(engine: Engine) -> None:
@@ -329,11 +336,13 @@ def _driver(connection: Connection) -> Any:
 
 
 def _on_begin(connection: Connection) -> None:
-    """Let a reader see one snapshot, and a writer everything that was committed before it got the lock."""
+    """Let a reader see one snapshot, and a writer everything that was committed before it got the lock; the
+    commit of a writer is notified to all processes.
+    """
     writes = connection.get_execution_options().get(WRITES, False)
     level = psycopg.IsolationLevel.READ_COMMITTED if writes else psycopg.IsolationLevel.REPEATABLE_READ
     driver = _driver(connection)
     if driver.isolation_level is not level:
         driver.isolation_level = level
     if writes:
-        driver.execute("SELECT pg_advisory_xact_lock(%s)", (WRITER_LOCK,))
+        driver.execute("SELECT pg_advisory_xact_lock(%s), pg_notify(%s, '')", (WRITER_LOCK, CHANNEL))

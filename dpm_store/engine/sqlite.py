@@ -41,6 +41,7 @@ from sqlalchemy.exc import DatabaseError
 
 from cdff_common.errors import OverloadedError, StorageError
 from dpm_store.engine import schema
+from dpm_store.engine.commit_watch import CommitWatch, EmbeddedWatch
 from dpm_store.engine.dialect import WRITES, IndexBox, IndexEntry
 
 FILE_NAME = "store.sqlite"
@@ -110,6 +111,11 @@ def copied(source: Path, target: Path) -> Iterator[Connection]:
             engine.dispose()
     except (sqlite3.Error, DatabaseError) as error:
         raise StorageError(f"backup of {source}: {error}") from error
+
+
+def watch(engine: Engine, *, takes_lease: bool) -> CommitWatch:
+    """Return a watch that calls nothing: no other process opens the store."""
+    return EmbeddedWatch()
 
 
 def checkpoint(engine: Engine) -> None:

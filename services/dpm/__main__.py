@@ -1,6 +1,10 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""``python -m services.dpm --data-dir DIR --http 127.0.0.1:8080 [--profile FILE]``: the DPM process."""
+"""``python -m services.dpm --data-dir DIR --http 127.0.0.1:8080 [--profile FILE]``: the DPM process.
+
+With ``--store`` on a server the process waits until no other one maintains the store; with ``--worker N`` it
+only answers calls.
+"""
 
 from __future__ import annotations
 
@@ -21,11 +25,12 @@ from services.alarm_reporter import AlarmReporter
 from services.dpm.bus.joined_robots import JoinedRobots, enter_profile
 from services.dpm.bus.recorder import Recorder, rules_of_history
 from services.dpm.bus.retention import rules_of
-from services.dpm.bus.service import serve
+from services.dpm.bus.service import serve, served_robots
 from services.dpm.bus.service_monitor import ServiceMonitor
 from services.dpm.operations.condition_monitor import ConditionMonitor
 from services.dpm.operations.dpm import Dpm
 from services.dpm.settings import Settings, parse_settings
+from services.dpm.worker import run_worker
 from services.memory_budget import memory_budget_mb, memory_check
 from services.robot_roster import RobotRoster
 
@@ -38,29 +43,43 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def run(arguments: Sequence[str] | None, stop: threading.Event) -> None:
-    """Open the store, wait for the router, serve HTTP and the bus until stopped."""
-    from services.dpm.http.context import Context
-    from services.dpm.http.server import HttpServer
-
+    """Serve HTTP and the bus until stopped, as the DPM or as one of its workers."""
     settings = parse_settings(arguments)
     for noisy in ("alembic", "uvicorn", "uvicorn.error"):
         logging.getLogger(noisy).setLevel(logging.WARNING)
+    if settings.worker:
+        run_worker(settings, stop)
+    else:
+        run_dpm(settings, stop)
+
+
+def run_dpm(settings: Settings, stop: threading.Event) -> None:
+    """Open the store, wait for its lease and for the router, serve and maintain it until stopped."""
+    from services.dpm.http.context import Context
+    from services.dpm.http.server import HttpServer
+
     profile = load_profile(settings.profile) if settings.profile is not None else None
     clock = MissionClock()
     with (
         open_store(settings.store_url, clock, reserve_bytes=RESERVE_BYTES, new=settings.new) as store,
+        closing(store.watch(takes_lease=True)) as watch,
         Bus.open(settings.connect, name="dpm", wait_s=None, stop=stop) as bus,  # closed before the store
     ):
+        if not watch.wait_for_lease(stop):
+            return
         bus.synchronise(clock)
         dpm = Dpm(store, settings.max_body_bytes)
+        watch.on_commit = dpm.events.publish
+        add_check(watch.problem)
         add_check(lambda: "; ".join(filter(None, (dpm.loops.problem(), bus.loops.problem()))))
         check = memory_check(dpm.alarms, "dpm", memory_budget_mb())
         reporter = AlarmReporter(bus, keys.GROUND, "dpm", dpm.alarms, dpm.loops.add("alarms"), (check,))
         if profile is not None:
             enter_profile(dpm, profile)
-        watch = ServiceMonitor(bus, dpm, () if profile is None else profile.robots)
-        dpm.reports.add("overview", watch.overview)
-        with HttpServer(Context(dpm, settings, bus, watch, profile)) as http:
+        monitor = ServiceMonitor(bus, dpm, () if profile is None else profile.robots)
+        dpm.reports.add("overview", monitor.overview)
+        dpm.reports.add("process", lambda: settings.service)
+        with HttpServer(Context(dpm, settings, bus, monitor, profile)) as http:
             dpm.loops.add_check(http.problem)
             rules = rules_of(profile) + rules_of_history(profile)
             # The recorder subscribes first: samples that follow the liveliness token of the DPM are recorded.
@@ -68,7 +87,7 @@ def run(arguments: Sequence[str] | None, stop: threading.Event) -> None:
             serve_scope = serve(bus, dpm, served_robots(profile, store), rules)
             roster = None
             if profile is not None and recorder is not None:
-                joined = JoinedRobots(bus, dpm, profile, watch, recorder, serve_scope)
+                joined = JoinedRobots(bus, dpm, profile, monitor, recorder, serve_scope)
                 roster = RobotRoster(bus, profile, joined, dpm.loops, joined.refuse)
                 roster.start()
             logger.info("serving", extra=_addresses(settings, store))
@@ -101,13 +120,6 @@ def _exchange(bus: Bus, dpm: Dpm, settings: Settings, profile: Profile | None) -
     link = (settings.contact_plan, settings.contact_link, settings.contact_robot)
     with closing(start_exchange(bus, dpm, *link, order)):
         yield
-
-
-def served_robots(profile: Profile | None, store: Store) -> tuple[str, ...]:
-    """Return the robots for which the DPM answers calls: those of the profile, else those with products."""
-    if profile is not None:
-        return profile.robot_ids
-    return tuple(sorted({robot for robot, _ in store.statistics().products} - {"ground"}))
 
 
 def _warm() -> None:

@@ -11,6 +11,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from urllib.parse import parse_qsl, urlencode
 
 from cdff_common.bus.identity import VARIABLE, Identity
 from cdff_common.errors import ConfigurationError
@@ -59,6 +60,10 @@ class Settings:
         Contact plan of the exchange between robots and the ground; None for no exchange.
     contact_link, contact_robot : str, str or None
         Zenoh endpoint of the link; the robot on which this process runs, None on the ground.
+    shares_port : bool
+        Whether other processes of this store answer on the same HTTP address.
+    worker : int
+        Number of a worker, which answers calls but does not maintain the store; 0 for the DPM itself.
     """
 
     data_dir: Path
@@ -78,15 +83,24 @@ class Settings:
     contact_plan: Path | None = None
     contact_link: str = DEFAULT_LINK
     contact_robot: str | None = None
+    shares_port: bool = False
+    worker: int = 0
+
+    @property
+    def service(self) -> str:
+        """Name of the process: ``dpm``, or ``dpm_1`` and so on for workers."""
+        return f"dpm_{self.worker}" if self.worker else "dpm"
 
     @property
     def store_url(self) -> str:
         """URL for ``dpm_store.open_store``; with a server the data directory has local files only."""
         if not self.store:
             return f"sqlite:///{self.data_dir}"
-        if "directory=" in self.store:
-            return self.store
-        return f"{self.store}{'&' if '?' in self.store else '?'}directory={self.data_dir}"
+        address, _, query = self.store.partition("?")
+        options = dict(parse_qsl(query))
+        directory = Path(options.get("directory", self.data_dir))
+        options["directory"] = str(directory / self.service if self.worker else directory)
+        return f"{address}?{urlencode(options, safe='/:')}"
 
 
 def _is_loopback(host: str) -> bool:
@@ -164,6 +178,18 @@ def parse_settings(arguments: Sequence[str] | None, environment: Mapping[str, st
         action="store_true",
         help="create an empty database although the directory has payloads of a missing one",
     )
+    parser.add_argument(
+        "--share-port",
+        action="store_true",
+        help="let the workers of this store answer on the same HTTP address",
+    )
+    parser.add_argument(
+        "--worker",
+        type=int,
+        default=0,
+        metavar="N",
+        help="run worker N (1, 2, …): it answers calls with the DPM of the same --store on a server",
+    )
     parser.add_argument("--max-body-mb", type=int, default=DEFAULT_MAX_BODY_MB)
     args = parser.parse_args(arguments)
     host, separator, port = args.http.rpartition(":")
@@ -181,6 +207,19 @@ def parse_settings(arguments: Sequence[str] | None, environment: Mapping[str, st
             f"set {VARIABLE} to a folder of `cdff keys` "
             "(in a container whose port is published on loopback only, set CDFF_HTTP_PUBLISHED_ON_LOOPBACK=1)"
         )
+    if args.worker < 0:
+        raise ConfigurationError(f"--worker {args.worker}: expected a number from 1 on")
+    if (args.worker or args.share_port) and not args.store:
+        raise ConfigurationError(
+            f"{'--worker' if args.worker else '--share-port'}: expected --store URL of a database on a "
+            "server; only one process opens the embedded store"
+        )
+    if args.worker and "payloads=" not in args.store:
+        raise ConfigurationError(
+            "--worker: expected --store URL with payloads=s3://… that all processes read"
+        )
+    if args.worker and (args.contact_plan or args.new):
+        raise ConfigurationError("--worker: --contact-plan and --new are options of the DPM itself")
     return Settings(
         data_dir_of(args.data_dir, environment),
         host,
@@ -199,4 +238,6 @@ def parse_settings(arguments: Sequence[str] | None, environment: Mapping[str, st
         args.contact_plan,
         args.contact_link,
         args.contact_robot,
+        args.share_port or bool(args.worker),
+        args.worker,
     )

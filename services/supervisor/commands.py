@@ -13,6 +13,7 @@ from typing import Any
 from cdff_common.cli import add_connect_option, add_profile_option
 
 DEFAULT_HTTP = "127.0.0.1:8080"
+MAX_WORKERS = 64
 SERVICES = (
     "router",
     "dpm",
@@ -35,6 +36,13 @@ def register_up(nouns: Any) -> None:
     parser.add_argument("--data-dir", default=None, help="CDFF_DATA_DIR, ~/.local/share/cdff")
     parser.add_argument(
         "--new", action="store_true", help="create an empty store although there are payloads; see `dpm`"
+    )
+    parser.add_argument(
+        "--dpm-workers",
+        type=int,
+        default=0,
+        metavar="N",
+        help="further processes that answer on the HTTP address of the DPM; needs CDFF_STORE on a server",
     )
     parser.add_argument(
         "--log-dir", default=None, help="one log file per process there; default: standard error"
@@ -94,6 +102,7 @@ def run_up(args: argparse.Namespace) -> int:
         scopes=args.scopes or (),
         uplink=args.uplink,
         dpm_options=("--new",) if args.new else (),
+        dpm_workers=_checked_workers(args.dpm_workers),
         secrets=None if args.secure is None else Path(args.secure),
     )
     has_dpm = any(spec.name == "dpm" for spec in specs)
@@ -114,6 +123,21 @@ def run_up(args: argparse.Namespace) -> int:
         print(styled(line, "green", sys.stdout), flush=True)
 
     return run_service("supervisor", Supervisor(specs, log_dir, link=link, on_ready=announce).run)
+
+
+def _checked_workers(count: int) -> int:
+    """Return a number of workers; raises ConfigurationError if the store cannot be shared."""
+    from cdff_common.errors import ConfigurationError
+
+    if not 0 <= count <= MAX_WORKERS:
+        raise ConfigurationError(f"--dpm-workers {count}: expected 0 to {MAX_WORKERS}")
+    store = os.environ.get("CDFF_STORE", "")
+    if count and "payloads=" not in store:
+        raise ConfigurationError(
+            f"--dpm-workers {count}: expected CDFF_STORE=postgresql+psycopg://…?payloads=s3://…, a store "
+            "that several processes open"
+        )
+    return count
 
 
 def register_service(nouns: Any) -> None:

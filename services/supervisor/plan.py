@@ -50,6 +50,7 @@ def plan(
     scopes: Collection[str] = (),
     uplink: str | None = None,
     dpm_options: Sequence[str] = (),
+    dpm_workers: int = 0,
     secrets: Path | None = None,
 ) -> list[ProcessSpec]:
     """Return the processes of a profile in start order.
@@ -71,6 +72,8 @@ def plan(
         Endpoint of a remote router to which the local one links.
     dpm_options : sequence of str
         Further options of the DPM.
+    dpm_workers : int
+        Further processes that answer on the HTTP address, if the store is on a server.
     secrets : Path, optional
         Folder of ``cdff keys``: the shared services have the identity ``ground``, DFPCs that of their robot,
         and the router that of its scope.
@@ -111,8 +114,14 @@ def plan(
         spec("router", "services.router", "--scope", host, *uplink_arguments, tokens=((host, "router"),))
     ]
     if GROUND in selected_scopes:
+        sharing = ("--share-port",) if dpm_workers else ()
         specs += [
-            spec("dpm", "services.dpm", "--http", http, *dpm_options, tokens=((GROUND, "dpm"),)),
+            spec("dpm", "services.dpm", "--http", http, *sharing, *dpm_options, tokens=((GROUND, "dpm"),)),
+            *(
+                spec(name, "services.dpm", "--http", http, "--worker", str(n), tokens=((GROUND, name),))
+                for n in range(1, dpm_workers + 1)
+                for name in (f"dpm_{n}",)
+            ),
             spec(
                 "orchestrator", "services.orchestrator", *scope_of_ground, tokens=((GROUND, "orchestrator"),)
             ),

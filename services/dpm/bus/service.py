@@ -32,7 +32,8 @@ from cdff_common.contract.queries import (
     WindowParameters,
 )
 from cdff_common.errors import CdffError, ClockSkewError, InputError, UnavailableError, rpc_code
-from dpm_store import Event, Rule
+from cdff_common.interfaces.profile import Profile
+from dpm_store import Event, Rule, Store
 from dpm_store.history.events import CHANGES, Actor, acting
 from services.dpm.bus.alarms import acknowledge, alarms
 from services.dpm.bus.bodies_and_robots import bodies, place, purge, robots_known, transact, withdraw
@@ -59,8 +60,12 @@ _BUSY_LIMIT_S, _RETENTION_LIMIT_S = 900.0, 7200.0
 MAX_PART_BYTES = 16 << 20
 
 
-def serve(bus: Bus, dpm: Dpm, robots: Sequence[str], rules: Sequence[Rule] = ()) -> Callable[[str], None]:
+def serve(
+    bus: Bus, dpm: Dpm, robots: Sequence[str], rules: Sequence[Rule] = (), *, worker: str = ""
+) -> Callable[[str], None]:
     """Declare every key on the bus, the liveliness tokens last, and publish events from then on.
+
+    A ``worker`` with this name answers the same calls as the DPM. It has one token and publishes no event.
 
     Returns
     -------
@@ -109,14 +114,25 @@ def serve(bus: Bus, dpm: Dpm, robots: Sequence[str], rules: Sequence[Rule] = ())
         if scope not in served:
             served.add(scope)
             declare(scope)
-        bus.declare_alive(scope, "dpm")
+        if not worker:
+            bus.declare_alive(scope, "dpm")
 
-    dpm.events.listen(functools.partial(_publish, bus))
     for scope in (*robots, GROUND):
         declare(scope)
+    if worker:
+        bus.declare_alive(GROUND, worker)
+        return serve_scope
+    dpm.events.listen(functools.partial(_publish, bus))
     for scope in (*robots, GROUND):
         bus.declare_alive(scope, "dpm")
     return serve_scope
+
+
+def served_robots(profile: Profile | None, store: Store) -> tuple[str, ...]:
+    """Return the robots for which the DPM answers calls: those of the profile, else those with products."""
+    if profile is not None:
+        return profile.robot_ids
+    return tuple(sorted({robot for robot, _ in store.statistics().products} - {"ground"}))
 
 
 def _answer_as_scope(

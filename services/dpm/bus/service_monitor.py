@@ -23,10 +23,14 @@ _TIMES = ("uptime_s", "step_cpu_s")
 
 
 class ServiceMonitor:
-    """Follows status keys, liveliness tokens and events on the bus."""
+    """Follows status keys, liveliness tokens and events on the bus.
 
-    def __init__(self, bus: Bus, dpm: Dpm, robots: Sequence[Robot] = ()) -> None:
-        self._dpm = dpm
+    ``service`` is the name of this process. Only the DPM itself enters the events in the history; its workers
+    do not.
+    """
+
+    def __init__(self, bus: Bus, dpm: Dpm, robots: Sequence[Robot] = (), *, service: str = "dpm") -> None:
+        self._dpm, self._service = dpm, service
         self._robots = {robot.id: robot for robot in robots}
         #: By robot that has joined: revision of its profile.
         self._joined: dict[str, str] = {}
@@ -115,7 +119,7 @@ class ServiceMonitor:
 
     def _on_alarms(self, key: str, body: dict[str, Any]) -> None:
         _, _, scope, _, service = key.split("/")
-        if (scope, service) != (keys.GROUND, "dpm"):  # its own alarms are known without the bus
+        if (scope, service) != (keys.GROUND, self._service):  # its own alarms are known without the bus
             self._dpm.alarm_board.report(scope, service, body["items"])
 
     def _on_alive(self, key: str, is_alive: bool) -> None:
@@ -132,6 +136,8 @@ class ServiceMonitor:
             if kind == "sensor_mode" and isinstance(body, dict):
                 with self._lock:
                     self._modes[(scope, str(body.get("sensor")))] = body
+            if self._service != "dpm":
+                return
             self._dpm.writer.record(scope, kind, body if isinstance(body, dict) else {"body": body})
         except CdffError as error:
             logger.warning("event on %s not stored: %s", message.key, error)

@@ -250,6 +250,7 @@ class Status(OpenModel):
     counters: dict[str, int]
     services: dict[str, list[str]]
     mission: str | None
+    process: str = "dpm"
     overview: Overview | None = None
 
 

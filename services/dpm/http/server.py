@@ -95,6 +95,8 @@ class HttpServer:
         family = socket.AF_INET6 if ":" in settings.host else socket.AF_INET
         self._socket = socket.socket(family, socket.SOCK_STREAM)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        if settings.shares_port:  # the system distributes the connections among the processes of the store
+            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
         # connections inherit it; without it, an answer in two parts waits 40 ms for the first to be
         # acknowledged
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)

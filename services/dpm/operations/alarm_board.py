@@ -16,7 +16,7 @@ from typing import Any
 
 from cdff_common.clock import monotonic_s, wall_ns
 from cdff_common.errors import CodecError, ProductNotFoundError, StorageError
-from dpm_store import Store
+from dpm_store import Event, Store
 from dpm_store.history.events import actor
 from services.alarms import Alarm, Alarms
 
@@ -76,6 +76,15 @@ class AlarmBoard:
         with self._lock:
             fresh = {key: report for key, report in self._reports.items() if report[0] >= now_s - _SILENCE_S}
             self._reports = fresh | {(scope, service): (now_s, alarms)}
+
+    def follow(self, event: Event) -> None:
+        """Adopt an acknowledgement that another process of the same store has entered in the history."""
+        name, at_ns = event.body.get("acknowledged_by"), event.body.get("acknowledged_ns")
+        if event.kind == "alarm" and isinstance(name, str) and isinstance(at_ns, int):
+            with self._lock:
+                key = str(event.body.get("alarm")), str(event.body.get("source"))
+                self._acknowledged.setdefault(key, Acknowledgement(name, at_ns))
+                self._seen_s[key] = self._now_s()
 
     def active(self) -> list[dict[str, Any]]:
         """Return the active alarms as plain data with their acknowledgements, oldest first."""

@@ -111,6 +111,17 @@ def test_the_first_acknowledgement_counts(dpm: Dpm) -> None:
             assert dpm.acknowledge("crash_loop", "lidar_slam")["acknowledged_by"] == "http/operator/olaf"
 
 
+def test_an_acknowledgement_by_another_process_is_adopted_from_the_history(dpm: Dpm) -> None:
+    other = AlarmBoard(Alarms(), dpm.store)
+    dpm.events.listen(other.follow)
+    for board in (dpm.alarm_board, other):
+        board.report("ground", "supervisor", [CRASH.to_dict()])
+    with acting(OPERATOR):
+        acknowledged = dpm.acknowledge("crash_loop", "lidar_slam")
+    assert acknowledged["acknowledged_by"] == "http/operator/olaf"
+    assert other.active() == [acknowledged]
+
+
 def test_an_alarm_is_acknowledged_although_the_disk_is_full(
     dpm: Dpm, monkeypatch: pytest.MonkeyPatch
 ) -> None:

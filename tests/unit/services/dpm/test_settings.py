@@ -43,3 +43,30 @@ def test_an_address_without_host_or_valid_port_is_refused(address: str) -> None:
 def test_a_database_on_a_server_uses_the_data_directory_for_local_files(store: str, url: str) -> None:
     settings = parse_settings(["--data-dir", "/data"], {"CDFF_STORE": store})
     assert settings.store_url == url
+
+
+def test_a_worker_has_a_directory_of_its_own_and_shares_the_port() -> None:
+    store = "postgresql+psycopg://a@h/b?payloads=s3://c"
+    worker = parse_settings(["--data-dir", "/data", "--worker", "2"], {"CDFF_STORE": store})
+    assert (worker.service, worker.shares_port) == ("dpm_2", True)
+    assert worker.store_url == f"{store}&directory=/data/dpm_2"
+    named = parse_settings(["--worker", "1"], {"CDFF_STORE": f"{store}&directory=/other"})
+    assert named.store_url == f"{store}&directory=/other/dpm_1"
+    dpm = parse_settings(["--data-dir", "/data", "--share-port"], {"CDFF_STORE": store})
+    assert (dpm.service, dpm.shares_port, dpm.worker) == ("dpm", True, 0)
+    assert not parse_settings(["--data-dir", "/data"], {"CDFF_STORE": store}).shares_port
+
+
+@pytest.mark.parametrize(
+    ("options", "store", "reason"),
+    [
+        (["--worker", "1"], "", "--worker: expected --store URL of a database on a server"),
+        (["--share-port"], "", "--share-port: expected --store URL of a database on a server"),
+        (["--worker", "-1"], "postgresql+psycopg://h/b?payloads=s3://c", "--worker -1: expected a number"),
+        (["--worker", "1"], "postgresql+psycopg://h/b", "with payloads=s3://… that all processes read"),
+        (["--worker", "1", "--new"], "postgresql+psycopg://h/b?payloads=s3://c", "options of the DPM itself"),
+    ],
+)
+def test_workers_need_a_store_that_they_can_share(options: list[str], store: str, reason: str) -> None:
+    with pytest.raises(ConfigurationError, match=reason):
+        parse_settings(options, {"CDFF_STORE": store})

@@ -53,6 +53,15 @@ def test_each_robot_of_a_profile_with_several_orchestrators_has_one_and_a_contro
     assert len(names()) == len(GROUND) - 1 + 4 + len(ROVERS)
 
 
+def test_workers_of_the_dpm_answer_on_its_address() -> None:
+    specs = {s.name: s for s in planned(dpm_workers=2)}
+    assert list(specs) == ["router", "dpm", "dpm_1", "dpm_2", *GROUND[2:], *ROVERS]
+    assert specs["dpm"].argv[3:] == ("--http", "b:2", "--share-port")
+    assert specs["dpm_2"].argv[3:] == ("--http", "b:2", "--worker", "2")
+    assert specs["dpm_2"].tokens == (("ground", "dpm_2"),)
+    assert "--share-port" not in next(s for s in planned() if s.name == "dpm").argv
+
+
 def test_an_unknown_scope_is_refused() -> None:
     with pytest.raises(
         ConfigurationError, match="scope 'manna': profile two_rovers has ground, mana, minnie"
