@@ -265,7 +265,9 @@ class FarRangeTracking(FarRangeTrackingInterface):
             return
         ranges = self._ranges.measure(o, scene.camera, scene.observer, pair, images, scene.noise)
         if ranges:
-            mean, o.range_reasons = fuse_ranges(ranges)
+            mean, o.range_reasons = fuse_ranges(ranges, o.range.value)
+            if mean is None:
+                return
             o.range_inputs = self._ranges.inputs(ranges)
             o.range.update(scene.stamp_ns, mean.range_m, mean.sigma_m, mean.systematic)
 

@@ -15,14 +15,18 @@ from cdff_core.bearing_tracking.motion import (
     BearingStates,
     across,
     join_states,
-    motion_significance,
     states_at_rest,
-    tangents,
 )
 from cdff_core.dfns.appearance_tracking.interface import AppearanceTrackingInputs, AppearanceTrackingOutputs
 from cdff_core.dfns.bearing_filtering.interface import BearingFilteringInputs
 from cdff_core.dfns.track_association.interface import TrackAssociationInputs
 from cdff_core.dfpcs.far_range_tracking.configuration import FarRangeTrackingConfig
+from cdff_core.dfpcs.far_range_tracking.continuation import (
+    EARLY_HITS,
+    coasting_predecessor,
+    motion_distance,
+    moves_steadily,
+)
 from cdff_core.dfpcs.far_range_tracking.observer import Observer
 from cdff_core.dfpcs.far_range_tracking.scene import Scene
 from cdff_core.dfpcs.far_range_tracking.tracked_object import Appearance, TrackedObject
@@ -37,6 +41,8 @@ _ALONE_PX = 6.0
 #: Standard deviation of the position of a region: from its varying shape, relative to the size of the object,
 #: and the constant part, pixels.
 _SHAPE_ERROR, _SHAPE_PX = 0.01, 0.15
+#: Correlation of an object with the region of another one: never associated.
+_OTHER = -1.0
 #: Largest distance between the positions of region and appearance that agree, relative to the size.
 _AGREE = 0.3
 #: Number of successive images with a different size after which that size is adopted.
@@ -44,9 +50,8 @@ _NEW_SIZE = 20
 #: An unconfirmed object is removed after more missed images than this, or, if it has not moved, after this
 #: many measurements.
 _MAX_MISSES, _MAX_AGE = 2, 40
-#: A new object continues a coasting one up to this squared normalised difference of motion and this ratio of
-#: sizes, and from this correlation of the appearance on.
-_CONTINUES, _CONTINUES_SIZE, _CONTINUES_SCORE = 16.0, 1.6, 0.4
+#: Largest squared normalised difference of motion and ratio of sizes of two tracks of the same object.
+_REPEATS, _REPEATS_SIZE = 16.0, 1.6
 #: Least sharpness of a new object, 1/pixel: dust has less.
 _SHARP = 0.12
 #: Largest area, distance and difference of motion, relative to an object, of its parts and its shadow.
@@ -57,9 +62,6 @@ _BRIEF = 10
 _SAME = 0.35
 #: Squared normalised innovation above which a measurement does not belong to a coasting object.
 _CONTRADICTS = 30.0
-#: Least squared velocity of a new object, in squared standard deviations, and largest difference between its
-#: path and velocity times age, relative to the path: the path of a start from rest is half of that product.
-_SIGNIFICANCE, _STEADY = 16.0, 1.5
 #: Number of measurements between two tests whether an object is at rest.
 _REST_HITS = 20
 
@@ -246,6 +248,11 @@ class ObjectTracks:
             second=match.second,
         )
 
+    def _similarity(self, o: TrackedObject, position_px: FloatArray, scene: Scene) -> float:
+        """Return the correlation of the appearance of an object with an image position; -1 without one."""
+        match = self._compare(o, position_px, 3.0, scene)
+        return _OTHER if match is None else match.score
+
     def _assign_regions(
         self,
         positions_px: FloatArray,
@@ -276,8 +283,11 @@ class ObjectTracks:
         for i, o in enumerate(objects):
             if near[i].sum() > 1 or near[:, near[i]].sum() > 1 or o.misses > 0:
                 for j in np.flatnonzero(near[i]):
+                    if o.misses > _MAX_MISSES and not o.is_similar_size(scene.sizes[j]):
+                        similar[i, j] = _OTHER  # a part of a hidden object is not at its centre
+                        continue
                     match = self._compare(o, regions.centroids[j], 2.0 + 0.1 * float(sizes[i].max()), scene)
-                    similar[i, j] = -1.0 if match is None else match.score
+                    similar[i, j] = _OTHER if match is None else match.score
         association = self._associate.process(
             TrackAssociationInputs(
                 places=positions_px[visible],
@@ -311,8 +321,6 @@ class ObjectTracks:
         z: tuple[FloatArray, FloatArray] | None = None
         if o.is_designated and self._path_px(o, scene) < config.confirm_path_px:
             region = -1  # a landmark at rest is no moving region: one near it is an error of the registration
-        if o.misses > _MAX_MISSES and region >= 0 and not o.is_similar_size(scene.sizes[region]):
-            region = -1  # the part of a hidden object that appears first is not at its centre
         if region >= 0 and regions is not None:
             size = scene.sizes[region]
             whole = o.is_similar_size(size)
@@ -458,22 +466,43 @@ class ObjectTracks:
                     ObjectTrackStatusT.TRACK_CONFIRMED if o.misses == 0 else ObjectTrackStatusT.TRACK_COASTING
                 )
                 continue
-            if o.hits < config.confirm_hits or o.misses or o.size_px.min() < config.min_size_px:
+            if o.misses or o.size_px.min() < config.min_size_px:
                 continue
-            path = self._path_px(o, scene)
-            least = max(config.confirm_path_px, 0.25 * float(o.size_px.min()))
-            if path < least + o.parallax_rad * scene.camera.fx:
+            if not self._has_moved(o, scene):
+                if o.hits >= EARLY_HITS and o.region >= 0:
+                    self._resume(o, scene)
                 continue
-            if self._is_companion(o, scene) or not _moves_steadily(o, (scene.stamp_ns - o.first_ns) * 1e-9):
-                continue
-            old = self._coasting_predecessor(o, scene)
+            old = coasting_predecessor(o, self.confirmed, scene, self._similarity)
             if old is None:
                 o.number = self._next_number
                 self._next_number += 1
             else:
                 o.number, o.label, o.range, o.hits = old.number, old.label, old.range, old.hits + o.hits
+                o.size_px = o.size_px if o.region < 0 else scene.sizes[o.region].copy()
                 self.objects.remove(old)
             o.status = ObjectTrackStatusT.TRACK_CONFIRMED
+
+    def _resume(self, new: TrackedObject, scene: Scene) -> None:
+        """Correct a coasting object with the region of a new object that is a part of it coming into view."""
+        old = coasting_predecessor(new, self.confirmed, scene, self._similarity, is_early=True)
+        if old is None:
+            return
+        position_px = scene.observer.attitude.pixels(scene.camera, old.states.directions)[0]
+        match = self._compare(old, new.pixel, 3.0, scene)
+        self._correct(old, position_px, match, new.region, True, scene)
+        if old.misses == 0:
+            old.status = ObjectTrackStatusT.TRACK_CONFIRMED
+            self.objects.remove(new)
+
+    def _has_moved(self, o: TrackedObject, scene: Scene) -> bool:
+        """Return whether an object has moved for long and steadily enough, and is no part of another one."""
+        if o.hits < self._config.confirm_hits:
+            return False
+        least = max(self._config.confirm_path_px, 0.25 * float(o.size_px.min()))
+        if self._path_px(o, scene) < least + o.parallax_rad * scene.camera.fx:
+            return False
+        age_s = (scene.stamp_ns - o.first_ns) * 1e-9
+        return not self._is_companion(o, scene) and moves_steadily(o, age_s)
 
     def _is_companion(self, new: TrackedObject, scene: Scene) -> bool:
         """Return whether an object is a small part, or the shadow, of another one with the same motion."""
@@ -496,23 +525,6 @@ class ObjectTracks:
                 return True
         return False
 
-    def _coasting_predecessor(self, new: TrackedObject, scene: Scene) -> TrackedObject | None:
-        """Return the coasting object that a new one continues, or None."""
-        best: tuple[float, TrackedObject] | None = None
-        for old in self.confirmed:
-            if old.misses <= 1:
-                continue
-            ratio = float(np.abs(np.log(new.size_px / old.size_px)).max())
-            distance = _motion_distance(new.states, old.states)
-            match = self._compare(old, new.pixel, 3.0, scene)
-            score = -1.0 if match is None else match.score
-            if distance > _CONTINUES or ratio > np.log(_CONTINUES_SIZE) or score < _CONTINUES_SCORE:
-                continue
-            cost = distance + (ratio / 0.2) ** 2 + ((1.0 - score) / 0.25) ** 2
-            if best is None or cost < best[0]:
-                best = (cost, old)
-        return None if best is None else best[1]
-
     def _remove_repeated(self, scene: Scene) -> None:
         """Remove the newer of two objects with the same position and motion; the lower number remains."""
         for new in sorted(self.confirmed, key=lambda o: -o.number):
@@ -521,9 +533,9 @@ class ObjectTracks:
                     continue
                 distance_px = float(np.linalg.norm(new.direction - old.direction)) * scene.camera.fx
                 ratio = float(np.abs(np.log(new.size_px / old.size_px)).max())
-                if distance_px > _SAME * float(old.size_px.max()) or ratio > np.log(_CONTINUES_SIZE):
+                if distance_px > _SAME * float(old.size_px.max()) or ratio > np.log(_REPEATS_SIZE):
                     continue
-                if _motion_distance(new.states, old.states) > _CONTINUES:
+                if motion_distance(new.states, old.states) > _REPEATS:
                     continue
                 kept_object, removed_object = (new, old) if old.misses else (old, new)
                 kept_object.number, kept_object.label = old.number, old.label or new.label
@@ -574,24 +586,3 @@ def _overlaps(o: TrackedObject, box: FloatArray) -> bool:
     half = 0.5 * o.size_px + 2.0
     low, high = o.pixel - half, o.pixel + half
     return bool(box[0] < high[0] and box[1] > low[0] and box[2] < high[1] and box[3] > low[1])
-
-
-def _moves_steadily(o: TrackedObject, age_s: float) -> bool:
-    """Return whether the velocity is significant and, times the age, agrees with the path of the object."""
-    if float(motion_significance(o.states)[0]) < _SIGNIFICANCE:
-        return False
-    path = o.direction - o.start
-    by_velocity = np.cross(o.states.rates[0], o.direction) * age_s
-    return bool(np.linalg.norm(path - by_velocity) < _STEADY * np.linalg.norm(path))
-
-
-def _motion_distance(a: BearingStates, b: BearingStates) -> float:
-    """Return the squared difference of direction and velocity of two states in standard deviations."""
-    e = tangents(b.directions)[0]
-    u, v = a.directions[0], b.directions[0]
-    difference = np.concatenate([e @ (u - v), e @ (np.cross(a.rates[0], u) - np.cross(b.rates[0], v))])
-    turn = np.cross(v, e)
-    H = np.zeros((4, 6))
-    H[:2, :3], H[2:, 3:] = turn, turn
-    P = H @ (a.covariances[0] + b.covariances[0]) @ H.T + 1e-12 * np.eye(4)
-    return float(difference @ np.linalg.solve(P, difference))

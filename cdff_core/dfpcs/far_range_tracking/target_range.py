@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -133,7 +135,7 @@ class TargetRange:
         top, bottom = camera.rays(np.array([[middle, o.box[2]], [middle, o.box[3]]]))
         angle = float(np.arccos(np.clip(top @ bottom, -1.0, 1.0)))
         range_m = 0.5 * self._height_m / np.tan(0.5 * angle)
-        edge = np.sqrt(2.0) * _EDGE_PX / height_px
+        edge = float(np.sqrt(2.0)) * _edge_px(o) / height_px
         return Ranging(
             "height", range_m, range_m * edge, float(np.hypot(self._config.target_height_sigma, edge))
         )
@@ -194,7 +196,7 @@ class TargetRange:
             return None
         contact = np.array([[0.5 * (o.box[0] + o.box[1]), o.box[3]]])
         direction = observer.attitude.directions(camera, contact)
-        sigma = float(np.hypot(_EDGE_PX / camera.fy, observer.attitude.bias_rad))
+        sigma = float(np.hypot(_edge_px(o) / camera.fy, observer.attitude.bias_rad))
         sigma = float(np.hypot(sigma, self._config.attitude_noise_rad))
         terrain_ranges = self._terrain.process(
             TerrainRayIntersectionInputs(
@@ -215,6 +217,11 @@ class TargetRange:
         return Ranging("terrain", range_m + 0.5 * half, sigma_m, sigma_m / range_m)
 
 
+def _edge_px(o: TrackedObject) -> float:
+    """Return the standard deviation of the upper and lower edge: dust and shadows change the height."""
+    return float(np.hypot(_EDGE_PX, float(o.box[3] - o.box[2]) - o.size_px[1]))
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class TerrainGrid:
     """Heights of an elevation map.
@@ -232,21 +239,49 @@ class TerrainGrid:
     resolution_m: float
 
 
-def fuse_ranges(ranges: list[Ranging]) -> tuple[Ranging, tuple[str, ...]]:
-    """Return the weighted mean of ranges, and the reason ``ranges_disagree`` if they contradict each other.
+def fuse_ranges(
+    ranges: list[Ranging], expected: tuple[float, float]
+) -> tuple[Ranging | None, tuple[str, ...]]:
+    """Return the weighted mean of the ranges that agree with each other, and ``ranges_disagree`` if one of
+    them does not.
 
-    The weights include the systematic errors, which many images share.
+    Of two groups of the same number, the one whose mean is ``expected`` is used: a range and its standard
+    deviation, NaN if it is unknown. None if both or neither are expected. The weights include the systematic
+    errors, which many images share.
     """
-    r = np.array([x.range_m for x in ranges])
-    total = np.array([np.hypot(x.sigma_m, x.systematic * x.range_m) for x in ranges])
+    for number in range(len(ranges), 0, -1):
+        means = [_mean(group) for group in itertools.combinations(ranges, number) if _agree(group)]
+        if len(means) > 1:
+            means = [mean for mean in means if _is_expected(mean, expected)]
+        if len(means) == 1:
+            return means[0], () if number == len(ranges) else ("ranges_disagree",)
+        if means:
+            break
+    return None, ("ranges_disagree",)
+
+
+def _total_m(ranging: Ranging) -> float:
+    """Return the standard deviation of a range with its systematic error."""
+    return float(np.hypot(ranging.sigma_m, ranging.systematic * ranging.range_m))
+
+
+def _mean(ranges: Sequence[Ranging]) -> Ranging:
+    """Return the weighted mean of ranges."""
+    r, total = np.array([x.range_m for x in ranges]), np.array([_total_m(x) for x in ranges])
     weights = 1.0 / total**2
     mean = float(np.average(r, weights=weights))
     sigma = float(np.sqrt(np.average([x.sigma_m**2 for x in ranges], weights=weights**2) / len(ranges)))
     systematic = float(1.0 / np.sqrt(weights.sum()) / mean)
-    worst = float(np.max(np.abs(r - mean) / total))
-    reasons: tuple[str, ...] = ()
-    if len(ranges) > 1 and worst > _DISAGREE:
-        # It is unknown which range is wrong: the spread of the ranges is the error.
-        reasons, systematic = ("ranges_disagree",), float(np.ptp(r) / mean)
-    source = "+".join(x.source for x in ranges)
-    return Ranging(source, mean, max(sigma, 1e-3 * mean), systematic), reasons
+    return Ranging("+".join(x.source for x in ranges), mean, max(sigma, 1e-3 * mean), systematic)
+
+
+def _agree(ranges: Sequence[Ranging]) -> bool:
+    """Return whether no range is far from the mean of all."""
+    mean_m = _mean(ranges).range_m
+    return all(abs(x.range_m - mean_m) <= _DISAGREE * _total_m(x) for x in ranges)
+
+
+def _is_expected(ranging: Ranging, expected: tuple[float, float]) -> bool:
+    """Return whether a range agrees with an expected one and its standard deviation; True if it is NaN."""
+    range_m, sigma_m = expected
+    return not abs(ranging.range_m - range_m) > _DISAGREE * np.hypot(sigma_m, _total_m(ranging))

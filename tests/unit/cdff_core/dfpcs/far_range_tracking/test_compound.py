@@ -105,6 +105,26 @@ def test_a_body_keeps_its_number_behind_an_occluder() -> None:
     assert {number for s in tracks_by_step[60:] for number in s} == {1}
 
 
+def test_a_body_that_slows_down_and_turns_behind_an_occluder_is_found_as_it_comes_into_view() -> None:
+    occluder = (100, 160)
+    before = DistantScene([Body((30.0, 80.0), (2.5, 0.0))], occluder=occluder)
+    # The centre is at column 130 in image 40, and reaches the edge of the occluder ten images later than expected.
+    after = DistantScene([Body((130.0 - 40 * 1.4, 80.0), (1.4, 0.0), size_px=(17, 14))], occluder=occluder)
+    dfpc, found = compound(), []
+    for k in range(80):
+        sample = (before if k < 40 else after).sample(k)
+        for track in tracks(list(dfpc.step(sample))):
+            assert track.value.metadata.track_id == 1
+            if k > 45 and track.value.metadata.status is CONFIRMED:
+                found.append((k, track.value.data.pixels[0]))
+    visible_half = next(k for k in range(40, 80) if after.bodies[0].place(k)[0] > 160.0)
+    first, place = found[0]
+    assert first <= visible_half + 5
+    assert place == pytest.approx(after.bodies[0].place(first), abs=6.0)
+    assert [k for k, _ in found] == list(range(first, 80))
+    assert found[-1][1] == pytest.approx(after.bodies[0].place(79), abs=2.5)  # a side could still be hidden
+
+
 def test_two_bodies_that_cross_keep_their_numbers() -> None:
     bodies = [
         Body((30.0, 78.0), (2.5, 0.0), level=200.0, seed=3),
