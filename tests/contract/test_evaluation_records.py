@@ -17,20 +17,9 @@ ROOT = Path(__file__).resolve().parents[2]
 RECORDS = sorted((ROOT / "docs" / "evaluation").glob("*.json"))
 #: Commit of the oldest record, which a repository with the whole history contains.
 _FIRST_RECORDED = "4ca50e4caaf14ba5c03db59f1252a4e7f6945d49"
-#: Records of earlier code whose tree had changes, or whose commit was rebased, see docs/evaluation/index.md.
-_OF_UNKNOWN_CODE = (
-    "lidar_localisation_searches",
-    "visual_odometry_sparse",
-)
 
 
-def _parameter(record: Path) -> Any:
-    """Return a record as parameter of a test; those of unknown code are expected to fail until repeated."""
-    marks = [pytest.mark.xfail(strict=True, reason="not repeated yet")]
-    return pytest.param(record, id=record.stem, marks=marks if record.stem in _OF_UNKNOWN_CODE else ())
-
-
-@pytest.mark.parametrize("record", [_parameter(record) for record in RECORDS])
+@pytest.mark.parametrize("record", RECORDS, ids=lambda record: record.stem)
 def test_a_record_names_a_commit_in_the_history_and_a_clean_tree(record: Path) -> None:
     for part, origin in _origins(json.loads(record.read_text(encoding="utf-8"))["provenance"]):
         assert not origin["tree_differs"], f"{record.name}{part}: recorded with uncommitted changes"
