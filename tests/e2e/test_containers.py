@@ -49,18 +49,18 @@ class ComposeProject:
     With the folder of the identities of a mission its bus is secured.
     """
 
-    def __init__(self, name: str, secrets: Path | None = None) -> None:
+    def __init__(self, name: str, secrets: Path | None = None, override: str | None = None) -> None:
         self.router_port, self.http_port = free_port(), free_port()
         self.endpoint = f"{'tcp' if secrets is None else 'tls'}/127.0.0.1:{self.router_port}"
-        files = (
-            ["docker-compose.yml"] if secrets is None else ["docker-compose.yml", "docker-compose.secure.yml"]
-        )
+        files = ["docker-compose.yml", *([override] if override else [])]
         self._command = [*compose_command(), "-p", name, *(word for file in files for word in ("-f", file))]
         self._environment = {
             **os.environ,
             "CDFF_ROUTER_PORT": str(self.router_port),
             "CDFF_HTTP_PORT": str(self.http_port),
             "CDFF_SECRETS": str(secrets or ""),
+            "CDFF_DATABASE_PASSWORD": "database",
+            "CDFF_OBJECTS_SECRET": "objects",
         }
 
     def __call__(self, *arguments: str) -> str:
@@ -118,7 +118,12 @@ def secrets(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def secured(secrets: Path) -> Iterator[ComposeProject]:
-    yield from running(ComposeProject("cdffsecured", secrets))
+    yield from running(ComposeProject("cdffsecured", secrets, "docker-compose.secure.yml"))
+
+
+@pytest.fixture(scope="module")
+def scaled() -> Iterator[ComposeProject]:
+    yield from running(ComposeProject("cdffscaled", override="deploy/scale/compose.yml"))
 
 
 def running(compose: ComposeProject) -> Iterator[ComposeProject]:
@@ -209,3 +214,22 @@ def test_secured_containers_answer_every_request_and_admit_no_stranger(
     monkeypatch.setenv("CDFF_IDENTITY", str(secrets / "autonomy"))
     with Client(secured.endpoint) as client:
         assert client.request("pose", robot="mana").header.child == "mana/base"
+
+
+def test_a_store_on_servers_answers_every_request_and_a_killed_worker_returns(scaled: ComposeProject) -> None:
+    assert_all_requests_are_answered(scaled)
+    with Bus.open(scaled.endpoint, name="test", wait_s=10) as bus:
+        for service in ("dpm_1", "database", "objects"):
+            os.kill(int(scaled.inspect(service, "{{.State.Pid}}")), 9)
+        token = keys.alive("ground", "dpm_1")
+        wait_until(lambda: token not in bus.alive(token), 60, "the worker ends")
+        wait_until(lambda: token in bus.alive(token), 120, "the worker returns")
+    wait_until(lambda: has_poses(scaled), 120, "the store answers again")
+
+
+def has_poses(compose: ComposeProject) -> bool:
+    """Return whether the DPM finds stored poses."""
+    try:
+        return len(compose.get("/api/v1/products?type=pose&limit=5")["items"]) == 5
+    except OSError:
+        return False

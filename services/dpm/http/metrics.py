@@ -20,18 +20,26 @@ def dpm_lines(status: Mapping[str, Any]) -> list[str]:
     operations = {f'{{operation="{name}"}}': n for name, n in sorted(status["counters"].items())}
     alarms = {_labels(alarm): 1 for alarm in status["alarms"]}
     return [
-        *_metric("cdff_alarm", "gauge", alarms),
-        *_metric("cdff_dpm_free_bytes", "gauge", {"": status["free_bytes"]}),
-        *_metric("cdff_dpm_products", "gauge", products),
-        *_metric("cdff_dpm_payload_bytes", "gauge", {"": status["payload_bytes"]}),
-        *_metric("cdff_dpm_events_total", "counter", {"": status["events"]}),
-        *_metric("cdff_dpm_operations_total", "counter", operations),
+        *_metric("cdff_alarm", "gauge", "Active alarms: always 1.", alarms),
+        *_metric(
+            "cdff_dpm_free_bytes", "gauge", "Free space on the disk of the store.", {"": status["free_bytes"]}
+        ),
+        *_metric("cdff_dpm_products", "gauge", "Stored products.", products),
+        *_metric(
+            "cdff_dpm_payload_bytes", "gauge", "Size of the stored payloads.", {"": status["payload_bytes"]}
+        ),
+        *_metric("cdff_dpm_events_total", "counter", "Events in the history.", {"": status["events"]}),
+        *_metric(
+            "cdff_dpm_operations_total", "counter", "Operations since the start of the process.", operations
+        ),
     ]
 
 
 def orchestrator_lines(stat: Mapping[str, Any] | None) -> list[str]:
     """Return the metrics of the orchestrator; only ``up 0`` if ``stat`` is None."""
-    lines = _metric("cdff_orchestrator_up", "gauge", {"": int(stat is not None)})
+    lines = _metric(
+        "cdff_orchestrator_up", "gauge", "1 if the orchestrator answers.", {"": int(stat is not None)}
+    )
     if stat is None:
         return lines
     requests = {f'{{type="{r["type"]}",state="{r["state"]}"}}': r["count"] for r in stat["requests"]}
@@ -43,10 +51,25 @@ def orchestrator_lines(stat: Mapping[str, Any] | None) -> list[str]:
     histogram |= {"_sum": f"{answers['sum_s']:.6f}", "_count": below[-1]}
     return [
         *lines,
-        *_metric("cdff_orchestrator_requests_open", "gauge", {"": stat["open"]}),
-        *_metric("cdff_orchestrator_requests_total", "counter", requests),
-        *_metric("cdff_orchestrator_actions_total", "counter", actions),
-        *_metric("cdff_orchestrator_answer_seconds", "histogram", histogram),
+        *_metric(
+            "cdff_orchestrator_requests_open",
+            "gauge",
+            "Product requests without a final answer.",
+            {"": stat["open"]},
+        ),
+        *_metric("cdff_orchestrator_requests_total", "counter", "Product requests by their state.", requests),
+        *_metric(
+            "cdff_orchestrator_actions_total",
+            "counter",
+            "Calls to DFPCs and instrument control units.",
+            actions,
+        ),
+        *_metric(
+            "cdff_orchestrator_answer_seconds",
+            "histogram",
+            "Time from a product request to its answer.",
+            histogram,
+        ),
     ]
 
 
@@ -71,10 +94,14 @@ def gateway_lines(statuses: Mapping[tuple[str, str], Mapping[str, Any]]) -> list
     if not statuses:
         return []
     return [
-        *_metric("cdff_gateway_received_total", "counter", received),
-        *_metric("cdff_gateway_forwarded_total", "counter", forwarded),
-        *_metric("cdff_gateway_dropped_total", "counter", dropped),
-        *_metric("cdff_gateway_latency_seconds", "gauge", latency_s),
+        *_metric("cdff_gateway_received_total", "counter", "Messages received by gateways.", received),
+        *_metric("cdff_gateway_forwarded_total", "counter", "Messages forwarded by gateways.", forwarded),
+        *_metric(
+            "cdff_gateway_dropped_total", "counter", "Messages dropped by gateways, by reason.", dropped
+        ),
+        *_metric(
+            "cdff_gateway_latency_seconds", "gauge", "Time in the gateway of the last message.", latency_s
+        ),
     ]
 
 
@@ -89,6 +116,7 @@ def _label_text(values: Mapping[str, Any]) -> str:
     return "{" + ",".join(f"{name}={json.dumps(str(value))}" for name, value in values.items()) + "}"
 
 
-def _metric(name: str, kind: str, samples: Mapping[str, Any]) -> list[str]:
+def _metric(name: str, kind: str, meaning: str, samples: Mapping[str, Any]) -> list[str]:
     """Return the lines of a metric; ``samples`` are its values by suffix and labels."""
-    return [f"# TYPE {name} {kind}", *(f"{name}{end} {value}" for end, value in samples.items())]
+    values = (f"{name}{end} {value}" for end, value in samples.items())
+    return [f"# HELP {name} {meaning}", f"# TYPE {name} {kind}", *values]
