@@ -109,9 +109,11 @@ def serve(
     start = stack.enter_context(process_starter(endpoint, folder, **variables))
     start("services.router")
     sharing = ["--share-port"] if store else []
-    processes = [start("services.dpm", "--http", f"127.0.0.1:{port}", *sharing)]
-    for n in range(1, workers + 1):
-        processes.append(start("services.dpm", "--http", f"127.0.0.1:{port}", "--worker", str(n)))
+    address = f"127.0.0.1:{port}"
+    processes = [
+        start("services.dpm", "--http", address, *sharing),
+        *(start("services.dpm", "--http", address, "--worker", str(n + 1)) for n in range(workers)),
+    ]
     log = folder / "services.dpm.log"
     wait_until(lambda: log.read_text().count('"serving"') > workers, 120, "the processes serve")
     return port, processes
