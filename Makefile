@@ -9,7 +9,7 @@ export PYTHON
 # Imports are kept as bytecode in .venv and __pycache__: every process of the system starts in half the time.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help setup shell demo test ci lint format generate docs pictures site peers evaluate soak bench warm lock wheel clean
+.PHONY: help setup shell demo test ci lint format generate docs pictures site peers evaluate soak bench warm lock sbom wheel clean
 .DEFAULT_GOAL := help
 
 help:  ## this list
@@ -78,6 +78,9 @@ bench:  ## every benchmark, into build/benchmarks/*.json
 
 lock:  ## resolve the lock files again (needs uv)
 	@scripts/lock
+
+sbom: setup  ## list the packages with their licences in build/sbom.cdx.json; fails if one that ships is under the GPL
+	@scripts/sbom
 
 wheel: setup  ## build wheel and sdist into dist/
 	@.venv/bin/python -m hatchling build

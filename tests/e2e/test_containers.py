@@ -218,11 +218,17 @@ def test_secured_containers_answer_every_request_and_admit_no_stranger(
 
 def test_a_store_on_servers_answers_every_request_and_a_killed_worker_returns(scaled: ComposeProject) -> None:
     assert_all_requests_are_answered(scaled)
+    pids = {s: scaled.inspect(s, "{{.State.Pid}}") for s in ("dpm_1", "database", "objects")}
+    for pid in pids.values():
+        os.kill(int(pid), 9)
+    for service, pid in pids.items():
+        wait_until(
+            lambda s=service, p=pid: scaled.inspect(s, "{{.State.Pid}}") not in {p, "0"},
+            60,
+            f"{service} is restarted",
+        )
     with Bus.open(scaled.endpoint, name="test", wait_s=10) as bus:
-        for service in ("dpm_1", "database", "objects"):
-            os.kill(int(scaled.inspect(service, "{{.State.Pid}}")), 9)
         token = keys.alive("ground", "dpm_1")
-        wait_until(lambda: token not in bus.alive(token), 60, "the worker ends")
         wait_until(lambda: token in bus.alive(token), 120, "the worker returns")
     wait_until(lambda: has_poses(scaled), 120, "the store answers again")
 
