@@ -10,7 +10,7 @@ from importlib import metadata
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-#: Lock files of what runs in containers and on robots; `all` and `evaluate` also have tools of the developers.
+#: Lock files of what runs in containers and on robots; `all` and `evaluate` also have tools of developers.
 ROLES = ("client", "core", "dpm", "gateways", "scale", "simulate", "view")
 _GPL = re.compile(r"\bGPL|GNU General Public", re.IGNORECASE)
 
@@ -24,7 +24,7 @@ def shipped_packages() -> list[str]:
 
 
 def licence_of(package: str) -> str | None:
-    """Return the licence in the metadata of a package, empty if there is none; None if it is not installed."""
+    """Return the licence in the metadata of a package, empty without one; None if it is not installed."""
     try:
         fields = metadata.metadata(package)
     except metadata.PackageNotFoundError:

@@ -108,7 +108,7 @@ def test_a_body_keeps_its_number_behind_an_occluder() -> None:
 def test_a_body_that_slows_down_and_turns_behind_an_occluder_is_found_as_it_comes_into_view() -> None:
     occluder = (100, 160)
     before = DistantScene([Body((30.0, 80.0), (2.5, 0.0))], occluder=occluder)
-    # The centre is at column 130 in image 40, and reaches the edge of the occluder ten images later than expected.
+    # The centre is at column 130 in image 40; it reaches the edge of the occluder later than expected.
     after = DistantScene([Body((130.0 - 40 * 1.4, 80.0), (1.4, 0.0), size_px=(17, 14))], occluder=occluder)
     dfpc, found = compound(), []
     for k in range(80):
