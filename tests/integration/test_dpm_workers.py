@@ -34,12 +34,13 @@ class Processes:
     """A router, a DPM, a standby, and two workers on one address."""
 
     def __init__(self, stack: ExitStack, folder: Path) -> None:
-        self.cluster = cluster = stack.enter_context(postgresql.cluster())
+        self.cluster = stack.enter_context(postgresql.cluster())
         objects = stack.enter_context(seaweedfs.object_server())
-        cluster.execute("CREATE DATABASE mission")
+        self.cluster.execute("CREATE DATABASE mission")
         self.endpoint, self.port = f"tcp/127.0.0.1:{free_port()}", free_port()
         self.http = f"http://127.0.0.1:{self.port}"
-        store = cluster.url("mission", folder / "data", f"s3://{seaweedfs.BUCKET}/mission")
+        store = self.store_in(folder / "data")
+        self.folder = folder
         self._profile = folder / "profile.yaml"
         self._profile.write_text(PROFILE)
         environment = objects.environment | {"CDFF_STORE": store}
@@ -52,6 +53,10 @@ class Processes:
             self.running[f"dpm_{worker}"] = self.start(f"dpm_{worker}", "--worker", str(worker))
         for worker in (1, 2):
             self.wait_alive(f"dpm_{worker}")
+
+    def store_in(self, directory: Path) -> str:
+        """Return the URL of the store with a directory for the files of one process."""
+        return self.cluster.url("mission", directory, f"s3://{seaweedfs.BUCKET}/mission")
 
     def start(self, name: str, *options: str) -> subprocess.Popen[bytes]:
         """Start a DPM or a worker."""
@@ -191,7 +196,9 @@ def test_a_change_by_a_worker_is_published_once_and_reaches_clients_of_all_proce
 
 
 def test_workers_answer_while_the_dpm_is_dead_and_a_standby_replaces_it(processes: Processes) -> None:
-    standby = processes.start("dpm")
+    standby = processes.start("dpm", "--store", processes.store_in(processes.folder / "standby"))
+    log = processes.folder / "services.dpm.log"
+    wait_until(lambda: "this one waits until it ends" in log.read_text(), 60, "the standby waits")
     processes.kill("dpm")
     products = {processes.put(seq) for seq in range(20, 23)}  # by a worker, perhaps before the standby runs
     processes.running["dpm"] = standby
