@@ -112,8 +112,6 @@ class UncertainTransform:
 
     def inverse(self) -> UncertainTransform:
         """Return ``T_b_a`` with its covariance in b."""
-        if self is _IDENTITY:
-            return self
         c = None if self.covariance is None else cov.inverse_covariance(self.matrix, self.covariance)
         return UncertainTransform(se3.inverse(self.matrix), c)
 

@@ -147,10 +147,9 @@ def fit_fundamental(
     U, s, Vt = np.linalg.svd(np.linalg.inv(second).T @ F @ np.linalg.inv(first))
     state = [U * np.sign(np.linalg.det(U)), float(np.arctan2(s[1], s[0])), Vt.T * np.sign(np.linalg.det(Vt))]
 
-    def matrix_at(d: FloatArray) -> FloatArray:
-        R, V = state[0] @ se3.exp_so3(d[:3]), state[2] @ se3.exp_so3(d[3:6])
-        angle = state[1] + d[6]
-        M = second.T @ R @ np.diag([np.cos(angle), np.sin(angle), 0.0]) @ V.T @ first
+    def matrix() -> FloatArray:
+        D = np.diag([np.cos(state[1]), np.sin(state[1]), 0.0])
+        M = second.T @ state[0] @ D @ state[2].T @ first
         return np.asarray(M / np.linalg.norm(M))
 
     def accept(d: FloatArray) -> None:
@@ -165,7 +164,7 @@ def fit_fundamental(
         return _derivative_of_unit_matrix(left @ D @ right, left @ derivatives @ right)
 
     model = _Model(
-        matrix_at=matrix_at,
+        matrix=matrix,
         accept=accept,
         residuals=lambda M: sampson(M, source, sink)[:, None],
         jacobian=lambda M: _chain(sampson_derivative(M, source, sink), matrix_derivative()),
@@ -197,16 +196,12 @@ def fit_essential(
     inverse = np.linalg.inv(K[0]), np.linalg.inv(K[1])
     F_by_E = np.kron(inverse[1].T, inverse[0].T)
 
-    def pose(d: FloatArray) -> tuple[FloatArray, FloatArray]:
-        direction = state[1] + bases[0] @ d[3:5]
-        return se3.exp_so3(d[:3]) @ state[0], direction / np.linalg.norm(direction)
-
-    def matrix_at(d: FloatArray) -> FloatArray:
-        rotation, direction = pose(d)
-        return np.asarray(se3.skew(direction) @ rotation)
+    def matrix() -> FloatArray:
+        return np.asarray(se3.skew(state[1]) @ state[0])
 
     def accept(d: FloatArray) -> None:
-        state[0], state[1] = pose(d)
+        direction = state[1] + bases[0] @ d[3:5]
+        state[0], state[1] = se3.exp_so3(d[:3]) @ state[0], direction / np.linalg.norm(direction)
         bases[0] = tangents(state[1])
 
     def residuals(E: FloatArray) -> FloatArray:
@@ -222,7 +217,7 @@ def fit_essential(
         return np.concatenate([by_rotation, by_direction]).reshape(5, 9).T
 
     model = _Model(
-        matrix_at=matrix_at,
+        matrix=matrix,
         accept=accept,
         residuals=residuals,
         jacobian=jacobian,
@@ -268,15 +263,13 @@ def fit_homography(
     state = [conditioned / np.linalg.norm(conditioned)]
     bases = [tangents(state[0].reshape(9))]
 
-    def perturbed(d: FloatArray) -> FloatArray:
-        return np.asarray(state[0] + (bases[0] @ d).reshape(3, 3))
-
-    def matrix_at(d: FloatArray) -> FloatArray:
-        M = inverse @ perturbed(d) @ first
+    def matrix() -> FloatArray:
+        M = inverse @ state[0] @ first
         return np.asarray(M / np.linalg.norm(M))
 
     def accept(d: FloatArray) -> None:
-        state[0] = perturbed(d) / np.linalg.norm(perturbed(d))
+        changed = state[0] + (bases[0] @ d).reshape(3, 3)
+        state[0] = changed / np.linalg.norm(changed)
         bases[0] = tangents(state[0].reshape(9))
 
     def matrix_derivative() -> FloatArray:
@@ -284,7 +277,7 @@ def fit_homography(
         return _derivative_of_unit_matrix(inverse @ state[0] @ first, inverse @ derivatives @ first)
 
     model = _Model(
-        matrix_at=matrix_at,
+        matrix=matrix,
         accept=accept,
         residuals=lambda M: homography_residuals(M, source, sink),
         jacobian=lambda M: _chain(_homography_derivative(M, source), matrix_derivative()),
@@ -320,8 +313,8 @@ class _Model:
 
     Attributes
     ----------
-    matrix_at : callable
-        Returns the matrix after a small change ``(d,)`` of the parameters.
+    matrix : callable
+        Returns the matrix.
     accept : callable
         Applies a change ``(d,)`` of the parameters.
     residuals : callable
@@ -337,7 +330,7 @@ class _Model:
         Cell of the first image that contains the point of each pair.
     """
 
-    matrix_at: Function
+    matrix: Callable[[], FloatArray]
     accept: Callable[[FloatArray], None]
     residuals: Function
     jacobian: Function
@@ -365,10 +358,9 @@ def _fit(model: _Model, gate: float, floor_px: float) -> Fit:
     attracts the model, so that its own residual is small ([4]_).
     """
     dimension = model.dimension
-    zero = np.zeros(dimension)
     inliers, sigma, leverage = np.zeros(0, bool), floor_px, np.zeros(0)
     for iteration in range(_STEPS):
-        matrix = model.matrix_at(zero)
+        matrix = model.matrix()
         r = model.residuals(matrix)
         size = _size(r)
         core = size < 4.0 * sigma if iteration else size < np.inf
@@ -393,7 +385,7 @@ def _fit(model: _Model, gate: float, floor_px: float) -> Fit:
         model.accept(step)
         if float(step @ normal @ step) < 1e-6 * sigma**2:
             break
-    matrix = model.matrix_at(zero)
+    matrix = model.matrix()
     r, D = model.residuals(matrix), model.matrix_derivative()
     inliers = _size(r) / (1.0 - leverage) < gate * sigma
     return _with_covariance(matrix, D, model.jacobian(matrix), r, inliers, sigma, model.cells)

@@ -48,13 +48,13 @@ _ENOUGH_SAMPLES = 20
 class ResourceUsage:
     """Resource usage reported in the status of a DFPC."""
 
-    samples: int = 0  # number of samples since configuration
-    cpu_s: float = 0.0  # mean CPU time of a sample
-    load: float = 0.0  # CPU seconds per second since the previous status; 0 while inactive
-    latency_s: float = 0.0  # duration of the last step
-    memory_mb: float = 0.0  # memory of the process
-    stored_bytes: int = 0  # size of the products for the DPM since the start of the process
-    data_mb_h: float = 0.0  # volume of these products since the previous status, megabytes per hour
+    samples: int  # number of samples since configuration
+    cpu_s: float  # mean CPU time of a sample
+    load: float  # CPU seconds per second since the previous status; 0 while inactive
+    latency_s: float  # duration of the last step
+    memory_mb: float  # memory of the process
+    stored_bytes: int  # size of the products for the DPM since the start of the process
+    data_mb_h: float  # volume of these products since the previous status, megabytes per hour
 
     def describe(self) -> dict[str, float]:
         """Return plain data for the catalogue."""

@@ -34,14 +34,14 @@ class ObjectStore:
     """
 
     def __init__(self, url: str) -> None:
+        if not url.startswith("s3://") or len(url) <= len("s3://"):
+            raise ConfigurationError(f"payloads {url!r}: expected s3://bucket or s3://bucket/prefix")
         try:
             import obstore
             from obstore import exceptions
             from obstore.store import S3Store
         except ImportError as error:
             raise ConfigurationError(f"payloads {url}: {error}; install the extra `cdff[scale]`") from error
-        if not url.startswith("s3://") or len(url) <= len("s3://"):
-            raise ConfigurationError(f"payloads {url!r}: expected s3://bucket or s3://bucket/prefix")
         self._url, self._api, self._errors = url, obstore, exceptions
         endpoint = os.environ.get("AWS_ENDPOINT_URL", "")
         options: dict[str, Any] = {"allow_http": endpoint.startswith("http://"), "timeout": "60 s"}

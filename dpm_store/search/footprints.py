@@ -105,7 +105,7 @@ def outline(
     import shapely
 
     def polygon_of(occupied: NDArray[np.bool_]) -> Any:
-        change = np.diff(np.pad(occupied, ((0, 0), (1, 1))).astype(np.int8), axis=1)
+        change = np.diff(np.pad(occupied, ((0, 0), (1, 1))).astype(np.int8))
         (row, start), (_, end) = np.nonzero(change == 1), np.nonzero(change == -1)
         boxes = shapely.box(
             xmin_m + start * cell_width_m,

@@ -276,7 +276,7 @@ class VoxelPlanes(Interface[VoxelPlanesConfig]):
         return float(support)
 
     def _compile(self) -> None:
-        """Call each kernel once with small arrays, so that it is compiled before the first sweep."""
+        """Compile the kernels before the first sweep: call each one with small arrays."""
         one, eye, zero, noise = np.zeros((1, 3)), np.eye(3), np.zeros(3), np.ones(self.config.levels)
         maps = tuple(_voxel_table.empty_table(16) for _ in range(self.config.levels))
         _voxel_table.first_in_voxels(one, 1.0)

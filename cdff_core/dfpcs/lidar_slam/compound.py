@@ -40,6 +40,17 @@ class LidarSlam(LidarSlamInterface):
         """Create the DFNs, clear the map, offer the store items."""
         self._mapper = KeyframeMapper(self, self.config)
         self._relocaliser = Relocaliser(self.config.loops.max_loop_candidates)
+        self.forget()
+        self.store.offer("map", self.state)
+        self.store.offer("graph", lambda: self._products.graph() if len(self.keyframes) else None)
+        self.store.offer("trajectory", lambda: self._products.stored_trajectory())  # noqa: PLW0108  replaced
+        self.store.offer("cloud", lambda: self.get_map(0.0) if len(self.keyframes) else None)
+
+    def forget(self) -> None:
+        """Clear map and trajectory and start again."""
+        self._tracker = self._new_tracker(MotionPredictor(self.config.prediction, self._T_base_lidar()))
+        self._mapper.clear()
+        self._relocaliser.clear()
         self._products = ProductBuilder(
             self.name,
             self.context.robot,
@@ -48,18 +59,6 @@ class LidarSlam(LidarSlamInterface):
             self._mapper,
             self._relocaliser,
         )
-        self.forget()
-        self.store.offer("map", self.state)
-        self.store.offer("graph", lambda: self._products.graph() if len(self.keyframes) else None)
-        self.store.offer("trajectory", self._products.stored_trajectory)
-        self.store.offer("cloud", lambda: self.get_map(0.0) if len(self.keyframes) else None)
-
-    def forget(self) -> None:
-        """Clear map and trajectory and start again."""
-        self._tracker = self._new_tracker(MotionPredictor(self.config.prediction, self._T_base_lidar()))
-        self._mapper.clear()
-        self._relocaliser.clear()
-        self._products.clear()
         self._checkpoints = CheckpointSchedule()
         self.state_revision += 1
 

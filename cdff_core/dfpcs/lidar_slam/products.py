@@ -37,10 +37,6 @@ class ProductBuilder(GraphProducts[KeyframeMapper]):
         super().__init__(producer, f"{robot}/slam", mapper)
         self._gates, self._relocaliser = gates, relocaliser
         self._odom_frame, self._lidar_frame = f"{robot}/lidar_odom", lidar_frame
-        self.clear()
-
-    def clear(self) -> None:
-        """Reset the accumulated odometry covariance, counts and input ids."""
         self._odometry_covariance = np.zeros((6, 6))
         self._degraded_sweeps = 0
         self._inputs: tuple[str, ...] = ()

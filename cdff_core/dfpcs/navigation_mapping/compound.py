@@ -129,9 +129,8 @@ class NavigationMapping(NavigationMappingInterface):
     def _reach_m(self) -> float:
         """Return the distance over which a height affects ratings: by planes, steps, holes, inflation."""
         c, cell_m = self._traversability.config, self._fusion_m or self.config.resolution_m
-        footprint_m = 0.5 * max(c.length_m, c.width_m)
         inflation_m = 0.5 * float(np.hypot(c.length_m, c.width_m)) + c.margin_m + c.gap_m
-        reach_m: float = max(footprint_m, max(c.step_reach_m, 2.0 * cell_m) + inflation_m) + 4.0 * cell_m
+        reach_m: float = max(c.step_reach_m, 2.0 * cell_m) + inflation_m + 4.0 * cell_m
         return reach_m
 
     def _fit_cells(self, patch_m: float) -> None:

@@ -38,17 +38,16 @@ class VisualSlam(VisualSlamInterface):
             extractor, self.dfn("disparity"), self.dfn("refine"), self.config.depth_offset_m
         )
         self._mapper = KeyframeMapper(self, self.config)
-        self._products = ProductBuilder(self.name, self.context.robot, self._mapper)
         self.forget()
         self.store.offer("map", self.state)
         self.store.offer("graph", lambda: self._products.graph() if len(self.keyframes) else None)
-        self.store.offer("trajectory", self._products.stored_trajectory)
+        self.store.offer("trajectory", lambda: self._products.stored_trajectory())  # noqa: PLW0108  replaced
 
     def forget(self) -> None:
         """Clear map and trajectory and start again."""
         self._views.clear()
         self._mapper.clear()
-        self._products.clear()
+        self._products = ProductBuilder(self.name, self.context.robot, self._mapper)
         self._checkpoints = CheckpointSchedule()
         self._last_ns: int | None = None
         self.state_revision += 1

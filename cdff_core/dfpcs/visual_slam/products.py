@@ -27,10 +27,6 @@ class ProductBuilder(GraphProducts[KeyframeMapper]):
         super().__init__(producer, f"{robot}/visual_slam", mapper)
         self._robot = robot
         self._odom_frame = f"{robot}/visual_odom"
-        self.clear()
-
-    def clear(self) -> None:
-        """Reset the odometry, counts and input ids."""
         self._odometry = UncertainTransform.identity()
         self._lost_images = 0
         self._inputs: tuple[str, ...] = ()

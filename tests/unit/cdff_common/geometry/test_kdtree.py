@@ -12,9 +12,10 @@ from cdff_common.geometry.kdtree import kd_tree, nearest, neighbours, spacing
 from cdff_common.geometry.plane_fits import plane_fits
 
 
-@pytest.mark.parametrize("n", [1, 2, 11, 500, 3000])
-def test_neighbours_agree_with_an_exhaustive_search(n: int, rng: np.random.Generator) -> None:
-    points, queries = rng.normal(size=(n, 3)) * [10.0, 3.0, 0.1], rng.normal(size=(200, 3)) * 8.0
+@pytest.mark.parametrize(("n", "axis"), [(1, 0), (2, 0), (11, 0), (500, 1), (3000, 0), (3000, 2)])
+def test_neighbours_agree_with_an_exhaustive_search(n: int, axis: int, rng: np.random.Generator) -> None:
+    points = rng.normal(size=(n, 3)) * np.roll([10.0, 3.0, 0.1], axis)
+    queries = rng.normal(size=(200, 3)) * 8.0
     tree, reference = kd_tree(points), cKDTree(points)
     distance, row = nearest(tree, queries)
     np.testing.assert_allclose(distance, reference.query(queries)[0])

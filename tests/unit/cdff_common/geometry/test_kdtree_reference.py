@@ -168,5 +168,8 @@ def test_the_spacing_is_sampled_at_regular_rows_of_the_tree_and_above_zero(rng: 
     assert spacing(tree) == pytest.approx(np.median(second))
     assert spacing(tree, 50) == pytest.approx(np.median(second[::4]))
     assert spacing(tree, 60) == pytest.approx(np.median(second[::3]))
+    many = kd_tree(rng.normal(size=(20_000, 3)))
+    assert spacing(many) == spacing(many, 5000)
+    assert spacing(many) != spacing(many, 10_000)
     assert spacing(kd_tree(np.zeros((30, 3)))) == 1e-9
     assert spacing(kd_tree(grid(1))) == np.inf  # a single point has no neighbour

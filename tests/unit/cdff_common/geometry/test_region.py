@@ -49,6 +49,7 @@ def test_a_region_survives_a_round_trip(text: str) -> None:
         "path:1",
         "path:1,0,0",
         "path:1,0,0,1",
+        "path:1,0,0,1,1,2",
         "path:0,0,0,1,1",
         "path:-1,0,0,1,1",
         "path:1,0,0,nan,1",

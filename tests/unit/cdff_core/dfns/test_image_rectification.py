@@ -69,6 +69,14 @@ def wall(z_m: float = 3.0, half_m: float = 1.4, n: int = 9) -> np.ndarray:
     return np.column_stack([x.ravel(), y.ravel(), np.full(x.size, z_m)])
 
 
+@pytest.mark.parametrize("keep", [0.0, 0.5, 1.0])
+def test_a_camera_without_distortion_is_its_own_ideal_camera(keep: float) -> None:
+    camera = CameraModel(300, 400, 260.0, 260.0, 170.0, 160.0)
+    ideal = rectification.undistorted(camera, keep).camera
+    assert (ideal.rows, ideal.cols) == (300, 400)
+    assert [ideal.fx, ideal.fy, ideal.cx, ideal.cy] == pytest.approx([260.0, 260.0, 170.0, 160.0], abs=1e-6)
+
+
 LENSES = [
     LEFT,
     FISHEYE,

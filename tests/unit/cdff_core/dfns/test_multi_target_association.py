@@ -10,7 +10,7 @@ from cdff_core.dfns.multi_target_association.interface import (
     MultiTargetAssociationInputs,
     MultiTargetAssociationOutputs,
 )
-from cdff_core.dfns.multi_target_association.multiple_hypotheses import MultipleHypotheses
+from cdff_core.dfns.multi_target_association.multiple_hypotheses import LOST, MultipleHypotheses
 
 PIXEL, SIGMA_PX, WIDTH = 2e-4, 0.13, 300.0
 T0_NS = 1_700_000_000_000_000_000
@@ -164,14 +164,26 @@ def test_a_source_in_a_fixed_pixel_is_an_object_only_if_its_shape_excludes_a_def
         assert bool((out.ids > 0).any()) is expected
 
 
-def fixed_pixel_step(sky: Sky, k: int, evidence: float) -> MultiTargetAssociationOutputs:
+def test_an_object_is_lost_when_its_largest_standard_deviation_exceeds_the_limit() -> None:
+    lost = []
+    for sigma_x_px in (SIGMA_PX, 3.0):
+        sky = Sky(seed=8, stars=0)
+        sky.dfn.configure({"lost_rad": PIXEL})
+        steps = [fixed_pixel_step(sky, k, -9.0, sigma_x_px) for k in range(12)]
+        lost.append(any((out.states == LOST).any() for out in steps))
+    assert lost == [False, True]
+
+
+def fixed_pixel_step(
+    sky: Sky, k: int, evidence: float, sigma_x_px: float = SIGMA_PX
+) -> MultiTargetAssociationOutputs:
     u = line(k) + sky.rng.normal(0.0, SIGMA_PX, 2)
     v = np.array([*(u * PIXEL), 1.0])
     return sky.dfn.process(
         MultiTargetAssociationInputs(
             stamp=T0_NS + k * 10**9,
             directions=(v / np.linalg.norm(v))[None],
-            covariances=np.eye(3)[None] * (SIGMA_PX * PIXEL) ** 2,
+            covariances=np.diag([sigma_x_px, SIGMA_PX, SIGMA_PX])[None] ** 2 * PIXEL**2,
             snr=np.array([6.0]),
             pixels=np.array([[100.0, 100.0]]),
             can_start=np.ones(1, bool),

@@ -58,6 +58,7 @@ def test_the_reprojection_error_is_at_its_minimum() -> None:
             total += ((p[:, :2] / p[:, 2:] * 700.0 + [320.0, 240.0] - pixels[:, i]) ** 2).sum(axis=1)
         return total
 
+    np.testing.assert_allclose(outputs.rms_px, np.sqrt(cost(outputs.points) / 3.0), rtol=1e-6, atol=1e-9)
     for axis in range(3):
         for sign in (-1.0, 1.0):
             assert (cost(outputs.points + sign * 1e-4 * np.eye(3)[axis]) >= cost(outputs.points) - 1e-6).all()

@@ -28,6 +28,22 @@ def test_the_depth_is_inversely_proportional_to_the_disparity_and_its_sigma_grow
     np.testing.assert_allclose(np.sqrt(outputs.covariances[:, 2, 2]), [0.052, 0.013], rtol=1e-9)
 
 
+def test_the_covariance_is_that_of_many_points_with_noise(rng: np.random.Generator) -> None:
+    dfn = RectifiedTriangulation()
+    dfn.configure({"sigma_feature_px": 0.5, "sigma_disparity_px": 0.1})
+    noise = rng.normal(0.0, 1.0, (20_000, 3))
+    noise[0] = 0.0
+    outputs = dfn.process(
+        StereoTriangulationInputs(
+            features=np.array([250.0, 60.0]) + 0.5 * noise[:, :2],
+            disparities=20.0 + 0.1 * noise[:, 2],
+            camera_matrix=CAMERA,
+            baseline=BASELINE_M,
+        )
+    )
+    assert np.cov(outputs.points.T) == pytest.approx(outputs.covariances[0], rel=0.08, abs=2e-6)
+
+
 def test_a_disparity_of_zero_is_refused() -> None:
     dfn = RectifiedTriangulation()
     dfn.configure()

@@ -17,7 +17,7 @@ from cdff_core.orchestration.catalogue import ResourceUsage, description_of, pro
 from cdff_core.orchestration.leases import Leases
 from cdff_core.orchestration.planner import NoPlan, Plan, plan
 from cdff_core.orchestration.reconciliation import ObservedState
-from cdff_core.orchestration.world import ProviderId, SensorId, SensorState, World
+from cdff_core.orchestration.world import InputSource, ProviderId, SensorId, SensorState, World
 
 A, B, C, OTHER = (ProviderId(*x.split("/")) for x in ("mana/a", "mana/b", "mana/c", "minnie/a"))
 
@@ -121,6 +121,12 @@ def test_the_measured_data_volume_of_an_active_dfpc_replaces_the_declared_one() 
         for active, measured in ((True, storing), (True, silent), (False, storing), (True, None))
     ]
     assert volumes_mb_h == pytest.approx([2.0, 5.0, 5.0, 5.0])
+
+
+@pytest.mark.parametrize("active", [True, False])
+def test_only_an_active_dfpc_has_current_sources(active: bool) -> None:
+    result = provider_of(describe(A), alive=True, active=active, wired={"scan": "sensor/lidar/scan"})
+    assert dict(result.wired) == ({"scan": InputSource("sensor", "mana", "lidar", "scan")} if active else {})
 
 
 def test_the_cost_is_that_of_the_active_implementation() -> None:

@@ -238,6 +238,31 @@ def test_a_lost_sensor_is_neither_commanded_nor_waited_for() -> None:
     assert next_actions([DEM], {LIDAR: "on"}, USES, {}, observed, 0.0) == [Activate(DEM)]
 
 
+def test_a_lingering_provider_keeps_the_modes_of_the_sensors_that_it_uses() -> None:
+    camera, other = SensorId("mana", "camera"), SensorId("minnie", "lidar")
+    modes = {LIDAR: "on", camera: "on", other: "on"}
+    for uses, kept in (
+        (None, {LIDAR, camera}),
+        ({DEM: {LIDAR}}, {LIDAR}),
+        ({DEM: {LIDAR, other}}, {LIDAR, other}),
+    ):
+        leases = Leases({DEM: 30.0})
+        leases.acquire("a", [DEM], modes, uses=uses)
+        assert leases.wanted_modes().keys() == modes.keys()
+        leases.release("a", 0.0)
+        assert leases.wanted_modes().keys() == kept
+
+
+def test_without_a_holder_the_mode_is_that_of_the_others() -> None:
+    leases = Leases()
+    leases.acquire("first", [], {LIDAR: "slow"})
+    leases.acquire("urgent", [], {LIDAR: "dense"}, priority=9)
+    leases.acquire("alone", [], {SensorId("mana", "camera"): "on"})
+    assert leases.without("urgent").wanted_modes() == {LIDAR: "slow", SensorId("mana", "camera"): "on"}
+    assert leases.without("alone").wanted_modes() == {LIDAR: "dense"}
+    assert leases.wanted_modes()[LIDAR] == "dense"
+
+
 @pytest.mark.req("CDFF-SUP-145")
 def test_the_sensor_mode_is_that_of_the_highest_priority_and_then_of_the_first_request() -> None:
     leases = Leases()

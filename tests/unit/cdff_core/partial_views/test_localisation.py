@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from cdff_common.geometry import se3
 from cdff_core.partial_views.configuration import ViewSearchConfig
@@ -83,3 +84,10 @@ def test_a_refined_candidate_may_have_the_least_score(score: float, factor: floa
     """Below it, the choice is that with the whole tolerance."""
     search = Search({1.0: (0.97, 0.99), 0.5: (score, score - CONFIG.min_margin - 0.01)})
     assert choose(search)[1] == factor
+
+
+@pytest.mark.parametrize("name", ["min_score", "min_margin", "min_outline"])
+def test_a_limit_of_a_fraction_is_at_most_one(name: str) -> None:
+    assert getattr(ViewSearchConfig(**{name: 1.0}), name) == 1.0
+    with pytest.raises(ValidationError, match=name):
+        ViewSearchConfig(**{name: 1.5})

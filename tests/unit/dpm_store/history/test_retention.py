@@ -80,6 +80,15 @@ def test_inputs_are_kept_through_deleted_products(aged_store: Store, clock: Manu
     assert first not in {v.id for v in aged_store.retention.plan([Rule(product="dem", max_age_s=35)]).retired}
 
 
+def test_an_input_that_is_stored_after_its_product_is_kept(store: Store, clock: ManualClock) -> None:
+    """A synchronised store receives products in any order."""
+    old = header(1, t1_ns=clock.now_ns() - 60 * S)
+    put(store, header(0, t1_ns=clock.now_ns(), inputs=(old.id,)))
+    put(store, old)
+    plan = store.retention.apply([Rule(product="dem", max_age_s=35)])
+    assert (plan.to_delete, plan.to_keep) == (0, 1)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_in_a_random_provenance_graph_exactly_the_needed_inputs_stay(

@@ -210,7 +210,8 @@ def test_windows_without_patches_or_too_large_are_refused(store: Store, rng: np.
     with pytest.raises(InputError, match="ask for a smaller region"):
         store.maps.elevation_window(WindowQuery(parse_region("bbox:-1000,-1000,1000,1000")))
     with pytest.raises(ProductNotFoundError, match="expected"):
-        store.maps.elevation_window(WindowQuery(WHOLE, newest_after_ns=2 * S))
+        store.maps.elevation_window(WindowQuery(WHOLE, newest_after_ns=S + 1))
+    assert len(store.maps.elevation_window(WindowQuery(WHOLE, newest_after_ns=S)).patches) == 1
 
 
 @pytest.mark.req("CDFF-SUP-182")

@@ -124,6 +124,17 @@ def test_unreferenced_data_of_a_crash_are_reclaimed_after_the_next_start(
         assert reopened.verify() == ()
 
 
+def test_data_that_another_process_left_unreferenced_are_reclaimed(store: Store) -> None:
+    put(store, header(0), content(0))
+    store.collect()
+    pack = store.directory / "packs" / "00000001.pack"
+    with pack.open("ab") as file:
+        file.write(os.urandom(100_000))
+    store._payloads.mark_packs()
+    store.collect()
+    assert on_disk(store) < 50_000
+
+
 def test_without_hole_punching_a_pack_is_removed_once_it_is_unreferenced(
     store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -5,6 +5,8 @@
 from __future__ import annotations
 
 import hashlib
+import itertools
+import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -21,7 +23,7 @@ from services.dpm.bus.alarms import acknowledge
 from services.dpm.http.app import create_app
 from services.dpm.http.context import Context
 from services.dpm.operations.alarm_board import KEPT_S, AlarmBoard
-from services.dpm.operations.condition_monitor import check_conditions
+from services.dpm.operations.condition_monitor import ConditionMonitor, check_conditions
 from services.dpm.operations.dpm import Dpm
 from services.dpm.settings import Settings
 from services.identity_alarm import IdentityAlarm
@@ -194,6 +196,18 @@ def test_a_database_without_acknowledged_changes_raises_an_alarm(tmp_path: Path)
         dpm = Dpm(store)
         check_conditions(dpm)
         assert kinds(dpm) == [("database_damaged", "dpm")]
+
+
+def test_conditions_are_checked_again_until_the_monitor_is_closed(
+    dpm: Dpm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("services.dpm.operations.condition_monitor.PERIOD_S", 0.01)
+    calls, has_repeated = itertools.count(1), threading.Event()
+    monitor = ConditionMonitor(dpm, [lambda: next(calls) >= 3 and has_repeated.set()])
+    assert has_repeated.wait(20.0)
+    monitor.close()
+    monitor._thread.join(20.0)
+    assert not monitor._thread.is_alive()
 
 
 def test_callers_with_unknown_keys_raise_an_alarm_until_it_is_quiet(

@@ -12,6 +12,7 @@ from fastapi.testclient import TestClient
 
 from cdff_common.errors import OverloadedError
 from services.dpm.operations.dpm import Dpm
+from services.dpm.operations.store_writer import _insertion_bytes
 from services.dpm.operations.work_budget import WorkBudget
 from tests.integration.conftest import wait_until
 
@@ -152,3 +153,9 @@ def test_a_request_that_takes_too_long_ends_and_names_the_part_that_is_done(
     assert "0 of 1" in answer.json()["detail"]
     assert "ask for a smaller region" in answer.json()["detail"]
     assert int(answer.headers["Retry-After"]) == 30
+
+
+def test_the_memory_of_an_insertion_includes_the_decoded_value_of_payloads_up_to_16_mib() -> None:
+    assert _insertion_bytes(1000) == 5000
+    assert _insertion_bytes(16 * 2**20) == 80 * 2**20
+    assert _insertion_bytes(16 * 2**20 + 1) == 16 * 2**20 + 1

@@ -28,7 +28,7 @@ from cdff_core.orchestration.planner import Plan
 from cdff_core.orchestration.request import parse_request
 from cdff_core.orchestration.world import ProviderId, SensorId
 from cdff_dev.mission_replay.virtual import Scheduler, VirtualTiming
-from services.orchestrator.delegations import DELEGATED, Delegations
+from services.orchestrator.delegations import DELEGATED, Delegations, _is_failure
 from services.orchestrator.jobs import Job
 from services.orchestrator.state import SystemState
 from tests.support.recording_bus import Call, RecordingBus
@@ -236,3 +236,18 @@ def test_requests_of_an_earlier_ground_process_are_cancelled_until_answered(grou
     ground.cancel_fault = None
     ground.run(5.0)
     assert len(ground.cancelled) == 4
+
+
+@pytest.mark.parametrize(
+    ("error", "is_failure"),
+    [
+        (UnavailableError("no plan"), True),
+        (UnavailableError("later", retry_after_s=1.0), False),
+        (DeadlineError("late"), False),
+        (NoAnswerError("silent"), False),
+    ],
+)
+def test_a_late_missing_or_deferred_answer_is_no_failure_of_the_dfpcs(
+    error: CdffError, is_failure: bool
+) -> None:
+    assert _is_failure(error) is is_failure

@@ -4,16 +4,21 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
-from cdff_common.errors import CdffError
+from cdff_common.errors import CdffError, UnavailableError
 from cdff_common.interfaces.profile import load_profile
+from cdff_common.interfaces.registry import Registry
 from cdff_common.interfaces.robot_profile import RobotProfile
 from cdff_common.resources import deploy_folder
 from cdff_core.orchestration.planner import NoPlan, Plan, plan
 from cdff_core.orchestration.reconciliation import Activate, Configure
 from cdff_core.orchestration.world import ProviderId, SensorId
 from services.orchestrator.state import SystemState
+from tests.support import orchestrator_mission
+from tests.support.orchestrator_stage import Stage
 
 BOTH = load_profile(deploy_folder() / "profiles" / "two_rovers.yaml")
 MANA, MINNIE = (RobotProfile.of(BOTH, robot) for robot in ("mana", "minnie"))
@@ -93,3 +98,18 @@ def test_a_robot_with_a_dfpc_that_is_not_installed_changes_nothing(state: System
     with pytest.raises(CdffError, match="not_installed"):
         state.set_robot(RobotProfile(MINNIE.profile.model_copy(update={"robots": (robot,)})))
     assert state.robot_ids == ("mana",)
+
+
+def test_a_robot_that_another_orchestrator_leads_does_not_join(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        Registry, "default", classmethod(lambda cls: orchestrator_mission.SimulatedRegistry())
+    )
+    profile = orchestrator_mission.profile()
+    stage = Stage(tmp_path, RobotProfile.of(profile, "mana").profile)
+    monkeypatch.setattr(stage.bus, "alive", lambda key: {key})
+    monkeypatch.setattr(stage.bus, "has_token", lambda key: False, raising=False)
+    with pytest.raises(UnavailableError, match="another orchestrator leads minnie"):
+        stage.orchestrator.set_robot(RobotProfile.of(profile, "minnie"))
+    assert stage.orchestrator._state.robot_ids == ("mana",)

@@ -362,7 +362,10 @@ def test_a_cloud_without_a_fixed_position_is_searched_without_the_region(frame: 
     parameters = {"type": "pointcloud", "robot": "mana", "region": "bbox:0,0,4,4"}
     found, _ = finder(dpm).find(request(**parameters), ("mana",), 1e9)
     assert (found is not None) == is_used
-    assert ["region" in search for search in dpm.searches] == [True, False]
+    assert [(search.get("region"), search.get("frame")) for search in dpm.searches] == [
+        ("bbox:0,0,4,4", "site"),
+        (None, None),
+    ]
 
 
 @pytest.mark.parametrize("product", ["dem", "pointcloud", "navigation_map"])

@@ -347,6 +347,7 @@ def test_a_standing_request_resumes_when_its_lost_sensor_is_back(stage: Stage) -
     assert stage.run_until(lambda: len(products_in(received)) >= before + 3, 20.0)
     end = stage.final_answer(received, 120.0)
     assert (end.attachment["kind"], end.body()["sent"]) == ("end", len(products_in(received)))
+    assert end.attachment["job"] == end.body()["job"]
 
 
 @pytest.mark.req("CDFF-SUP-145")

@@ -83,6 +83,16 @@ def test_no_correction_outside_the_map_or_beyond_the_pose_covariance(
         np.testing.assert_array_equal(out.covariance, PRIOR)
 
 
+@pytest.mark.parametrize(("count", "on_map"), [(199, 199), (200, 200), (2000, 399), (2000, 401)])
+def test_few_points_or_a_small_part_of_them_on_the_map_give_no_correction(
+    rng: np.random.Generator, count: int, on_map: int
+) -> None:
+    points = capture_points(rng, count) + np.array([0.0, 0.0, 0.03])
+    points[on_map:, 0] += 100.0
+    out = fit(points, map_of_relief(rng))
+    assert out.matched == (on_map if on_map >= max(200, 0.2 * count) else 0)
+
+
 def test_an_exact_pose_is_not_corrected(rng: np.random.Generator) -> None:
     out = fit(capture_points(rng) + np.array([0.0, 0.0, 0.0005]), map_of_relief(rng), np.zeros((6, 6)))
     np.testing.assert_allclose(out.correction, np.eye(4), atol=2e-4)

@@ -49,6 +49,16 @@ def test_ndt_tolerates_twenty_percent_of_outliers(rng: np.random.Generator) -> N
     assert error_m("Ndt", np.vstack([source, clutter]), surfaces.terrain(rng)) < 0.02
 
 
+def test_ndt_ends_when_the_steps_are_within_the_tolerance(rng: np.random.Generator) -> None:
+    source, target = (surfaces.terrain(rng) for _ in range(2))
+    iterations = []
+    for tolerance_m in (None, 10.0):
+        node = Registry.default().make_dfn("registration_3d", "Ndt")
+        node.configure({"tolerance_m": tolerance_m})
+        iterations.append(node.process(Registration3DInputs(source=source, target=target)).iterations)
+    assert iterations[1] < iterations[0]
+
+
 def test_a_cell_has_the_mean_and_covariance_of_its_points_and_a_cell_of_collinear_points_is_dropped(
     rng: np.random.Generator,
 ) -> None:

@@ -24,3 +24,13 @@ def test_reused_pairs_agree_with_a_search_of_all_points(step_m: float, rng: np.r
         assert count == np.count_nonzero(is_paired)
         np.testing.assert_array_equal(pairs.row >= 0, is_paired)
         np.testing.assert_array_equal(tree.order[pairs.row[is_paired]], row[is_paired])
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_a_point_that_moved_to_the_opposite_side_is_paired_again(axis: int) -> None:
+    here, there = np.eye(3)[axis], -np.eye(3)[axis]
+    tree, pairs = kd_tree(np.stack([here, there])), no_pairs(1)
+    for position in (here, there, here):
+        T = se3.transform(np.eye(3), position - here)
+        assert pair(tree, here[None], T, 10.0, pairs) == 1
+        np.testing.assert_array_equal(tree.points[pairs.row[0]], position)

@@ -65,6 +65,16 @@ def test_pose_and_motion_during_the_sweep_are_estimated_jointly(
     assert np.all(np.linalg.eigvalsh(outputs.covariance) > 0.0)
 
 
+def test_the_number_of_iterations_is_limited(ground: Ground, rng: np.random.Generator) -> None:
+    node = make_node_with_map(ground, rng, max_iterations=2)
+    T = pose_on_ground(ground, 0.2, 0.1, 0.0)
+    points, fraction = sweep_points(ground, T, T, rng)
+    guess = T @ se3.exp_se3([0.08, -0.06, 0.03, 0.01, -0.02, 0.03])
+    outputs = node.process(Inputs(points=points, point_times=fraction, guess=guess, guess_covariance=PRIOR))
+    assert outputs.iterations == 2
+    assert not outputs.converged
+
+
 def test_deceleration_does_not_distort_the_sweep_if_the_previous_pose_is_known(
     ground: Ground, rng: np.random.Generator
 ) -> None:

@@ -12,11 +12,12 @@ import pytest
 
 from cdff_common.camera import CameraModel
 from cdff_common.errors import InputError, ProductNotFoundError
-from cdff_common.geometry import se3
+from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.interfaces.dfpc import DfpcContext, Output, Sample
 from cdff_common.interfaces.product import Status
 from cdff_common.interfaces.registry import Registry
 from cdff_common.types import Frame, ObjectTrackStatusT, RigidBodyState
+from cdff_core.dfpcs.far_range_object_tracking.target_ranging import TargetRange
 from cdff_core.runtime.runner import Runner
 from tests.support.star_scene import CAMERA, T0_NS, StarScene
 
@@ -208,6 +209,8 @@ def test_with_the_state_in_orbit_the_direction_is_also_given_in_the_axes_of_the_
     assert np.isnan(range_m)
     # The angular velocity is relative to the axes, which turn by 1.07 mrad/s.
     assert np.linalg.norm(output.value.velocities[0, 3:]) > 5e-4
+    # The error of the state turns the axes by 7e-6 rad.
+    assert max(sigma_a, sigma_e) == pytest.approx(inertial.value.data.bearings[0, 2:4].max(), rel=0.05)
     assert ("navigation_covariance_unknown" in output.quality.reasons) is not has_covariance
     assert set(inertial.quality.reasons) <= set(output.quality.reasons)
 
@@ -243,6 +246,21 @@ def test_the_motion_of_an_object_can_be_asked_for() -> None:
     assert dfpc.store.get("tracks").metadata.track_id == 1
     with pytest.raises(ProductNotFoundError, match=r"object 7: expected one of \[1\]"):
         dfpc.call("predict", {"id": "7"})
+
+
+@pytest.mark.parametrize(("reasons", "status"), [((), Status.OK), (("range_interval",), Status.DEGRADED)])
+def test_the_position_of_a_resolved_target_has_the_time_and_the_frames_of_its_image(
+    reasons: tuple[str, ...], status: Status
+) -> None:
+    T = UncertainTransform(se3.transform(np.eye(3), [0.0, 0.0, 10.0]), np.eye(6))
+    ranging = TargetRange(10.0, 0.1, np.array([9.0, 11.0]), T, "client", reasons, 2.0, ("model",))
+    scene = StarScene()
+    output = compound()._position_output(scene.sample(scene.light(3), 3), ranging)
+    assert (output.t0_ns, output.t1_ns) == (T0_NS + 3 * 10**9,) * 2
+    assert (output.frame, output.child, output.inputs) == ("robot/camera", "client/body", ("image3", "model"))
+    assert (output.quality.status, output.quality.reasons) == (status, reasons)
+    assert output.quality.metrics["range_relative_sigma"] == pytest.approx(0.01)
+    np.testing.assert_array_equal(output.value.transform.matrix, T.matrix)
 
 
 def test_two_runs_give_the_same_tracks() -> None:

@@ -15,7 +15,7 @@ from cdff_common.types import Mesh, TransformWithCovariance, Vector3d
 from cdff_core.bearing_tracking.camera_attitude import CameraAttitude
 from cdff_core.dfns.star_field_background.interface import StarFieldBackgroundOutputs
 from cdff_core.dfpcs.far_range_object_tracking.configuration import FarRangeObjectTrackingConfig
-from cdff_core.dfpcs.far_range_object_tracking.target_ranging import TargetRange, TargetRanging
+from cdff_core.dfpcs.far_range_object_tracking.target_ranging import TargetRange, TargetRanging, target_model
 from tests.support.satellite import satellite
 from tests.support.star_scene import CAMERA, SATELLITE_SUN, satellite_light
 
@@ -73,9 +73,35 @@ def test_with_the_attitude_the_range_is_informative(extent_px: float) -> None:
     assert result.sigma_m < 0.1 * result.range_m
 
 
+@pytest.mark.parametrize("is_attitude_known", [True, False])
+def test_the_pose_of_the_target_agrees_with_the_truth_within_its_covariance(is_attitude_known: bool) -> None:
+    result, range_m = measured(50.0, is_attitude_known=is_attitude_known)
+    T, covariance = result.T_camera_body.matrix, result.T_camera_body.covariance
+    R = se3.exp_so3([0.3, -0.5, 0.2])
+    np.testing.assert_allclose(T[:3, :3], R if is_attitude_known else np.eye(3), atol=1e-6)
+    position_m, sigmas = T[:3, 3], np.sqrt(np.diag(covariance))
+    assert (np.abs(position_m - [0.0, 0.0, range_m]) < 3.0 * sigmas[:3]).all()
+    # Across the line of sight: half a pixel, or a quarter of the extent of 50 pixels.
+    across_px = sigmas[:2] * CAMERA.fx / position_m[2]
+    np.testing.assert_allclose(across_px, 0.5 if is_attitude_known else 12.5, rtol=0.15)
+    assert sigmas[2] == pytest.approx(result.sigma_m, rel=1e-3)
+    # A rotation that is uniform between -pi and pi, without the attitude.
+    np.testing.assert_allclose(sigmas[3:], 0.01 if is_attitude_known else np.pi / np.sqrt(3.0))
+
+
 def test_the_limit_of_an_informative_range_is_configured() -> None:
     result, _ = measured(50.0, is_attitude_known=False, informative_range=0.6)
     assert result.reasons == ("range_interval",)
+
+
+@pytest.mark.parametrize(
+    ("frame", "name"), [("client/body", "client"), ("/body", "target"), ("cubesat", "cubesat")]
+)
+def test_the_target_has_the_name_of_the_frame_of_its_model(frame: str, name: str) -> None:
+    vertices, triangles = satellite()
+    model = target_model(Mesh.from_arrays(vertices, triangles, frame=frame, stamp_ns=0), 1e-3)
+    assert model.name == name
+    np.testing.assert_allclose(model.vertices_m, 1e-3 * vertices, rtol=1e-6)
 
 
 def test_a_target_below_five_pixels_has_no_range() -> None:

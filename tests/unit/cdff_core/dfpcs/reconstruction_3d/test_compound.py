@@ -154,6 +154,18 @@ def test_an_image_of_the_same_time_gives_the_colour(
     assert [r for r in mesh.quality.reasons if r.startswith("image")] == reasons
 
 
+def test_only_the_newest_images_wait_for_their_captures() -> None:
+    pixels = np.full((ROWS, COLUMNS, 3), 200, np.uint8)
+    images = []
+    for n in range(len(POSES)):
+        image = Frame.from_image(
+            pixels, stamp_ns=_stamp_ns(n), mode="BGR", camera_matrix=K, sensor="servicer/depth"
+        )
+        images.append(Sample("image", _stamp_ns(n), n, image))
+    mesh = _run(_dfpc(max_waiting=1), [*images, *_captures(POSES)])["mesh"][0]
+    assert (np.median(mesh.value.data.colors, axis=0) == 0.0).all()
+
+
 def test_captures_whose_place_on_the_robot_is_unknown_are_not_fused() -> None:
     samples = [s for n, T in enumerate(POSES) for s in (_depth(n), _pose(n, T, child="servicer/base"))]
     (mesh,) = _run(_dfpc(), samples)["mesh"]

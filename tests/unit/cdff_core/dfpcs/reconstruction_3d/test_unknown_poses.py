@@ -123,6 +123,24 @@ def test_bodies_whose_surface_does_not_determine_the_pose_are_refused(shape: sat
     assert any(reason.startswith("degenerate:") for reason in mesh.quality.reasons)
 
 
+def test_a_capture_of_one_plane_is_located_only_with_an_accurate_prediction(rng: np.random.Generator) -> None:
+    dfpc, shape = make_dfpc(), satellite.satellite()
+    for t in range(5):
+        list(dfpc.step(cloud(float(t), scan(float(t), rng, shape))))
+    points = scan(5.0, rng, shape)
+    body_m = se3.transform_points(se3.inverse(true_pose(5.0)), points)
+    sides = [np.abs(body_m[:, i] - d) < 0.03 for i, h in enumerate((0.4, 0.3, 0.25)) for d in (-h, h)]
+    largest_side = cloud(5.0, points[max(sides, key=np.count_nonzero)])
+    registration = dfpc._registration
+    assert registration is not None
+    accurate, registration._covariances[-1] = registration._covariances[-1], np.eye(6)
+    assert list(dfpc.step(largest_side)) == []
+    registration._covariances[-1] = accurate
+    (pose,) = dfpc.step(largest_side)
+    assert pose.quality.status is Status.DEGRADED
+    assert any(reason.startswith("degenerate:") for reason in pose.quality.reasons)
+
+
 def test_two_bodies_are_refused(rng: np.random.Generator) -> None:
     points = scan(0.0, rng, satellite.satellite())
     outputs = run(make_dfpc(), [cloud(0.0, np.concatenate([points, points + np.array([3.0, 0.0, 0.0])]))])
