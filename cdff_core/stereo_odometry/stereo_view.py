@@ -60,6 +60,16 @@ class StereoView:
             right_mask=right_mask,
         )
 
+    def as_pair(self) -> FramePair:
+        """Return the grey images as a pair with the calibration."""
+        return FramePair.from_images(
+            self.left,
+            self.right,
+            baseline_m=self.baseline,
+            camera_matrix=self.camera_matrix,
+            stamp_ns=self.stamp_ns,
+        )
+
     def is_on_scene(self, features: FloatArray, disparities: FloatArray | None = None) -> BoolArray:
         """Return a mask (n,) of the points that do not lie on the robot in the left image.
 

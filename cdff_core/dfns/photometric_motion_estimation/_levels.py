@@ -46,7 +46,7 @@ class SelectedPixels:
     values: FloatArray  # (n,), normalised grey levels
     pixels: FloatArray  # (n, 2), columns and rows at full resolution
     disparities: FloatArray  # (n,), pixels of the full resolution
-    points: FloatArray  # (n, 3), metres, in the left camera
+    basis: FloatArray  # (n, 2), derivatives of the disparities by the parameters of the calibration
 
     @classmethod
     def of_level(
@@ -65,8 +65,22 @@ class SelectedPixels:
         row, col = _strongest_of_cells(strength, cell)
         pixels = np.column_stack([col, row]).astype(np.float64) * scale
         disparities = d[row, col].astype(np.float64)
-        points = camera.triangulate(np.column_stack([pixels, disparities]))
-        return cls(image[row, col].astype(np.float64), pixels, disparities, points)
+        right = pixels - np.column_stack([disparities, np.zeros(len(disparities))])
+        basis = calibration_basis(right, camera)
+        return cls(image[row, col].astype(np.float64), pixels, disparities, basis)
+
+    def corrected(self, calibration_px: FloatArray) -> FloatArray:
+        """Return the disparities (n,) corrected by the parameters (2,) of the calibration."""
+        return np.maximum(self.disparities + self.basis @ calibration_px, 0.05)
+
+
+def calibration_basis(right: FloatArray, camera: RectifiedCamera) -> FloatArray:
+    """Return the derivatives (n, 2) of disparities by an offset and by the decentring.
+
+    They are those of RectificationRefinement; ``right`` (n, 2) are columns and rows in the right image.
+    """
+    x, y = ((right - [camera.cx, camera.cy]) / [camera.fx, camera.fy]).T
+    return np.column_stack([np.ones(len(right)), x**2 + y**2])
 
 
 def _strongest_of_cells(strength: Float32Array, cell: int) -> tuple[IntArray, IntArray]:

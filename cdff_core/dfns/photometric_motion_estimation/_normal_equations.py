@@ -21,7 +21,7 @@ class Warped:
     """Pixels of the reference warped into both current images; second axis: left, right."""
 
     residuals: FloatArray  # (n, 2), normalised grey levels
-    by_pose: FloatArray  # (n, 2, 6)
+    by_parameters: FloatArray  # (n, 2, 6 + k), by the pose and by the parameters of the calibration
     by_disparity: FloatArray  # (n, 2), per pixel
     gradients: FloatArray  # (n, 2, 2), by column and row
     positions: FloatArray  # (n, 2, 2), columns and rows of the level, pixels
@@ -36,9 +36,9 @@ class Warped:
 class NormalEquations:
     """Linearised robust cost at a motion."""
 
-    normal: FloatArray  # (6, 6)
-    scores: FloatArray  # (n, 6), gradient of each pixel
-    weighted: FloatArray  # (n, 6, 2), maps changes of the residuals to the gradient
+    normal: FloatArray  # (6 + k, 6 + k), of the pixels
+    scores: FloatArray  # (n, 6 + k), gradient of each pixel
+    weighted: FloatArray  # (n, 6 + k, 2), maps changes of the residuals to the gradient
     weights: FloatArray  # (n,), robust weights, 0 for pixels out of view
     cost: float  # mean over the pixels in view
 
@@ -56,9 +56,9 @@ class NormalEquations:
         squared = np.einsum("ni,nij,nj->n", r, W, r)
         in_view = warped.visible.any(axis=1)
         weights = np.where(in_view, 1.0 / (1.0 + squared / _ROBUST_SCALE**2), 0.0)
-        weighted = np.swapaxes(warped.by_pose, 1, 2) @ (W * weights[:, None, None])
+        weighted = np.swapaxes(warped.by_parameters, 1, 2) @ (W * weights[:, None, None])
         return cls(
-            normal=np.tensordot(weighted, warped.by_pose, axes=([0, 2], [0, 1])),
+            normal=np.tensordot(weighted, warped.by_parameters, axes=([0, 2], [0, 1])),
             scores=np.einsum("nij,nj->ni", weighted, r),
             weighted=weighted,
             weights=weights,
@@ -66,14 +66,14 @@ class NormalEquations:
         )
 
     def scatter(self, pixels: FloatArray, block_px: int) -> FloatArray:
-        """Return the covariance (6, 6) of the gradient from its sums over blocks of the reference.
+        """Return the covariance (6 + k, 6 + k) of the gradient from its sums over blocks of the reference.
 
         Residuals of neighbouring pixels are correlated by the texture, by errors of the disparity and by
         moving shadows; those of different blocks are assumed to be independent (cluster-robust estimate).
         """
         column, row = (pixels // block_px).astype(np.int64).T
         _, block = np.unique(row * 10_000 + column, return_inverse=True)
-        sums = np.zeros((block.max() + 1, 6))
+        sums = np.zeros((block.max() + 1, self.scores.shape[1]))
         np.add.at(sums, block, self.scores)
         sums -= sums.mean(axis=0)
-        return np.asarray(sums.T @ sums * len(sums) / max(len(sums) - 6, 1))
+        return np.asarray(sums.T @ sums * len(sums) / max(len(sums) - sums.shape[1], 1))

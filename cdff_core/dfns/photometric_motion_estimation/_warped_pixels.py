@@ -20,7 +20,7 @@ def _bilinear(image, x, y):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True)
-def warp_pixels(image, usable, values, points, disparity, pose, camera, shift_m):  # type: ignore[no-untyped-def]
+def warp_pixels(image, usable, values, points, disparity, pose, camera, shift_m, field):  # type: ignore[no-untyped-def]
     """Return residuals of pixels, with derivatives by the pose, by the disparity and by the position.
 
     Parameters
@@ -40,6 +40,9 @@ def warp_pixels(image, usable, values, points, disparity, pose, camera, shift_m)
         ``fx, fy, cx, cy`` of this level, pixels.
     shift_m : float
         Column of the camera in the left camera: 0 for the left one, the baseline for the right one.
+    field : FloatArray, shape (2,)
+        Displacement of the columns, pixels of this level: constant, and per squared distance from the
+        principal point in normalised coordinates.
 
     Returns
     -------
@@ -68,6 +71,7 @@ def warp_pixels(image, usable, values, points, disparity, pose, camera, shift_m)
         if z < _MIN_DEPTH_M:
             continue
         u, v = fx * x / z + cx, fy * y / z + cy
+        u += field[0] + field[1] * (x * x + y * y) / (z * z)
         positions[i, 0], positions[i, 1] = u, v
         if not (2.0 <= u < cols - 3.0 and 2.0 <= v < rows - 3.0):
             continue

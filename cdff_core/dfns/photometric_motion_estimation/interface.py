@@ -34,6 +34,11 @@ class PhotometricMotionEstimationInputs(DfnInputs):
         Distance between the cameras, metres.
     guess : ndarray of float64, shape (4,4)
         Initial T_reference_current.
+    calibration : ndarray of float64, shape (k), optional
+        Prior estimate of offset and decentring of the disparities, pixels, as RectificationRefinement
+        defines them; default: exact.
+    calibration_covariance : ndarray of float64, shape (k,k), optional
+        Covariance of the prior, square pixels.
     left_mask : ndarray of bool, shape (r,c), optional
         Usable pixels of the left current image; default: all.
     right_mask : ndarray of bool, shape (r,c), optional
@@ -48,10 +53,12 @@ class PhotometricMotionEstimationInputs(DfnInputs):
             "right": "uint8[r,c]",
             "camera_matrix": "float64[3,3]",
             "guess": "float64[4,4]",
+            "calibration": "float64[k]",
+            "calibration_covariance": "float64[k,k]",
             "left_mask": "bool[r,c]",
             "right_mask": "bool[r,c]",
         },
-        optional=["left_mask", "right_mask"],
+        optional=["calibration", "calibration_covariance", "left_mask", "right_mask"],
     )
 
     reference: NDArray[np.uint8]
@@ -61,6 +68,8 @@ class PhotometricMotionEstimationInputs(DfnInputs):
     camera_matrix: NDArray[np.float64]
     baseline: float
     guess: NDArray[np.float64]
+    calibration: NDArray[np.float64] | None = None
+    calibration_covariance: NDArray[np.float64] | None = None
     left_mask: NDArray[np.bool_] | None = None
     right_mask: NDArray[np.bool_] | None = None
 
@@ -82,6 +91,12 @@ class PhotometricMotionEstimationOutputs:
     common_response : ndarray of float64, shape (6,14)
         Effect on the motion, [x y z rx ry rz], of one standard deviation of each error common to all
         pixels, in the order of StereoMotionEstimation; column 2 is an offset of the reference disparities.
+    calibration : ndarray of float64, shape (k)
+        Offset and decentring after this pair, pixels.
+    calibration_covariance : ndarray of float64, shape (k,k)
+        Covariance of offset and decentring after this pair, square pixels.
+    calibration_response : ndarray of float64, shape (6,k)
+        Derivatives of the motion by offset and decentring, per pixel.
     pixels : int
         Pixels of the reference that were selected on the finest level.
     overlap : float
@@ -103,6 +118,9 @@ class PhotometricMotionEstimationOutputs:
     covariance: NDArray[np.float64]
     noise_covariance: NDArray[np.float64]
     common_response: NDArray[np.float64]
+    calibration: NDArray[np.float64]
+    calibration_covariance: NDArray[np.float64]
+    calibration_response: NDArray[np.float64]
     pixels: int
     overlap: float
     correlation: float

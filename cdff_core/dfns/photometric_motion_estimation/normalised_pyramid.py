@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -17,6 +17,7 @@ from cdff_common.geometry import se3
 from cdff_common.interfaces.dfn import DfnConfig
 from cdff_core.dfns.photometric_motion_estimation._levels import (
     SelectedPixels,
+    calibration_basis,
     normalised_pyramid,
     usable_pixels,
 )
@@ -40,6 +41,8 @@ _MIN_OVERLAP = 0.15
 _TOLERANCE = 1e-5
 #: Edge of the blocks whose residuals are assumed to be independent, pixels.
 _BLOCK_PX = 48
+#: Information of a parameter of the calibration that is not estimated, per square pixel.
+_EXACT = 1e12
 
 
 class NormalisedPyramidConfig(DfnConfig):
@@ -78,26 +81,76 @@ class _Images:
     right: list[Float32Array]
     masks: tuple[BoolArray | None, BoolArray | None]
 
-    def warp(self, selected: SelectedPixels, level: int, pose: FloatArray) -> Warped:
-        """Return the pixels of a level warped by ``T_current_reference``."""
-        c = self.camera
-        scaled = np.array([c.fx, c.fy, c.cx, c.cy]) / 2.0**level
+    def warp(self, selected: SelectedPixels, level: int, estimate: _Estimate) -> Warped:
+        """Return the pixels of a level warped by an estimate."""
+        c, scale = self.camera, 2.0**level
+        disparities = selected.corrected(estimate.calibration_px)
+        points = c.triangulate(np.column_stack([selected.pixels, disparities]))
         parts = [
             warp_pixels(
                 images[level],
                 usable_pixels(mask, images[level], level),
                 selected.values,
-                selected.points,
-                selected.disparities,
-                pose,
-                scaled,
+                points,
+                disparities,
+                estimate.T,
+                np.array([c.fx, c.fy, c.cx, c.cy]) / scale,
                 offset_m,
+                field_px / scale,
             )
-            for images, mask, offset_m in zip(
-                (self.left, self.right), self.masks, (0.0, c.baseline_m), strict=True
+            for images, mask, offset_m, field_px in zip(
+                (self.left, self.right),
+                self.masks,
+                (0.0, c.baseline_m),
+                (np.zeros(2), estimate.calibration_px),
+                strict=True,
             )
         ]
-        return Warped(*(np.stack(pair, axis=1) for pair in zip(*parts, strict=True)))
+        residuals, by_pose, by_disparity, gradients, positions, visible = (
+            np.stack(pair, axis=1) for pair in zip(*parts, strict=True)
+        )
+        by_calibration = by_disparity[:, :, None] * selected.basis[:, None, :]
+        current_basis = calibration_basis(scale * positions[:, 1], c)
+        by_calibration[:, 1] += gradients[:, 1, :1] * current_basis / scale
+        by_parameters = np.concatenate([by_pose, by_calibration], axis=2)
+        return Warped(residuals, by_parameters, by_disparity, gradients, positions, visible)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Estimate:
+    """Motion ``T_current_reference`` and the parameters of the calibration, with their prior."""
+
+    T: FloatArray  # (4, 4)
+    calibration_px: FloatArray  # (2,)
+    prior_px: FloatArray  # (2,)
+    prior_information: FloatArray  # (2, 2)
+
+    @classmethod
+    def of_inputs(cls, inputs: Inputs) -> _Estimate:
+        """Return the estimate at the guess; without a prior the calibration is exact."""
+        T = se3.inverse(inputs.guess)
+        T[:3, :3] = se3.normalise_rotation(T[:3, :3])
+        if inputs.calibration is None or inputs.calibration_covariance is None:
+            return cls(T, np.zeros(2), np.zeros(2), _EXACT * np.eye(2))
+        if inputs.calibration.shape != (2,) or inputs.calibration_covariance.shape != (2, 2):
+            raise InputError(
+                f"calibration {inputs.calibration.shape}, covariance {inputs.calibration_covariance.shape}: "
+                "expected (2,) and (2, 2), offset and decentring of the disparities"
+            )
+        mean = np.array(inputs.calibration, np.float64)
+        information = np.asarray(np.linalg.inv(inputs.calibration_covariance), np.float64)
+        return cls(T, mean, mean, information)
+
+    def stepped(self, equations: NormalEquations, damping: float, *, is_finest: bool) -> _Estimate:
+        """Return the result of a damped Gauss-Newton step; only the finest level changes the calibration."""
+        information = np.zeros((8, 8))
+        information[6:, 6:] = self.prior_information if is_finest else _EXACT * np.eye(2)
+        gradient = equations.scores.sum(axis=0)
+        gradient[6:] += information[6:, 6:] @ (self.calibration_px - self.prior_px)
+        normal = equations.normal + information
+        step = -np.linalg.solve(normal + damping * np.diag(np.diag(normal) + 1e-9), gradient)
+        T = se3.transform(se3.exp_so3(step[3:6]) @ self.T[:3, :3], self.T[:3, 3] + step[:3])
+        return replace(self, T=T, calibration_px=self.calibration_px + step[6:])
 
 
 class NormalisedPyramid(Interface[NormalisedPyramidConfig]):
@@ -107,7 +160,8 @@ class NormalisedPyramid(Interface[NormalisedPyramidConfig]):
     The local mean and contrast of all images are removed, which replaces the affine brightness model by a
     local one. The right image determines the scale together with the disparities of the reference; the error
     of a disparity is common to both residuals of a pixel and is eliminated. Residuals are weighted by
-    Cauchy's function with a scale from their median.
+    Cauchy's function with a scale from their median. Two errors of the stereo calibration that row offsets do
+    not determine are estimated on the finest level, if their prior is given (see RectificationRefinement).
 
     The covariance of the noise follows from the scatter of the gradient between blocks of the image [3]_.
     Errors common to all pixels (interpolation, offset of the disparities, calibration) are propagated to
@@ -133,6 +187,7 @@ class NormalisedPyramid(Interface[NormalisedPyramidConfig]):
             np.eye(4),
             np.ones(4),
             0.0,
+            np.zeros(2),
         )
 
     def process(self, inputs: Inputs) -> Outputs:
@@ -145,8 +200,7 @@ class NormalisedPyramid(Interface[NormalisedPyramidConfig]):
             for image in (inputs.reference, inputs.left, inputs.right)
         ]
         images = _Images(camera, pyramids[1], pyramids[2], (inputs.left_mask, inputs.right_mask))
-        T = se3.inverse(inputs.guess)
-        T[:3, :3] = se3.normalise_rotation(T[:3, :3])
+        estimate = _Estimate.of_inputs(inputs)
         disparity = np.asarray(inputs.disparity, np.float32)
         select = partial(
             SelectedPixels.of_level, disparity=disparity, camera=camera, limit=self.config.pixels
@@ -155,27 +209,25 @@ class NormalisedPyramid(Interface[NormalisedPyramidConfig]):
             selected = select(pyramids[0][level], level)
             if len(selected.values) < _MIN_PIXELS and level > 0:
                 continue
-            T, warped, equations = self._align(selected, images, level, T)
-        return self._outputs(selected, images.camera, T, warped, equations)
+            estimate, warped, equations = self._align(selected, images, level, estimate)
+        return self._outputs(selected, images.camera, estimate, warped, equations)
 
     def _align(
-        self, selected: SelectedPixels, images: _Images, level: int, T: FloatArray
-    ) -> tuple[FloatArray, Warped, NormalEquations]:
-        """Return the motion that minimises the cost on a level, and the linearisation there.
+        self, selected: SelectedPixels, images: _Images, level: int, estimate: _Estimate
+    ) -> tuple[_Estimate, Warped, NormalEquations]:
+        """Return the estimate that minimises the cost on a level, and the linearisation there.
 
         A level above the finest on which too few pixels are in view does not change the motion.
         """
-        warped = images.warp(selected, level, T)
+        warped = images.warp(selected, level, estimate)
         if level == 0:
             _require_view(warped)
         elif warped.visible[:, 0].sum() < _MIN_PIXELS:
-            return T, warped, NormalEquations.of_pixels(warped, 1.0, self.config.sigma_disparity_px)
+            return estimate, warped, NormalEquations.of_pixels(warped, 1.0, self.config.sigma_disparity_px)
         sigma, damping = warped.sigma(), 1e-4
         equations = NormalEquations.of_pixels(warped, sigma, self.config.sigma_disparity_px)
         for _ in range(self.config.iterations):
-            damped = equations.normal + damping * np.diag(np.diag(equations.normal) + 1e-9)
-            step = -np.linalg.solve(damped, equations.scores.sum(axis=0))
-            candidate = se3.transform(se3.exp_so3(step[3:]) @ T[:3, :3], T[:3, 3] + step[:3])
+            candidate = estimate.stepped(equations, damping, is_finest=level == 0)
             trial = images.warp(selected, level, candidate)
             trial_equations = NormalEquations.of_pixels(trial, sigma, self.config.sigma_disparity_px)
             lost = trial.visible.sum() < 0.5 * warped.visible.sum()
@@ -185,40 +237,48 @@ class NormalisedPyramid(Interface[NormalisedPyramidConfig]):
                     break
                 continue
             gained = equations.cost - trial_equations.cost
-            T, warped, equations, damping = candidate, trial, trial_equations, max(0.1 * damping, 1e-7)
+            estimate, warped, equations = candidate, trial, trial_equations
+            damping = max(0.1 * damping, 1e-7)
             if gained < _TOLERANCE * (1.0 + equations.cost):
                 break
             sigma = min(sigma, warped.sigma())
             equations = NormalEquations.of_pixels(warped, sigma, self.config.sigma_disparity_px)
-        return T, warped, equations
+        return estimate, warped, equations
 
     def _outputs(
         self,
         selected: SelectedPixels,
         camera: RectifiedCamera,
-        T: FloatArray,
+        estimate: _Estimate,
         warped: Warped,
         equations: NormalEquations,
     ) -> Outputs:
         """Return motion, covariances and measures of agreement of a solution on the finest level."""
         _require_view(warped)
-        conditioning, direction = _weakest_direction(equations.normal)
+        T, normal = estimate.T, equations.normal[:6, :6]
+        conditioning, direction = _weakest_direction(normal)
         if conditioning > self.config.max_conditioning:
             text = f"the pixels do not constrain {direction} (condition number {conditioning:.3g})"
             raise DegenerateGeometryError(text, [direction])
-        inverse = cov.symmetrised(np.linalg.inv(equations.normal))
+        inverse = cov.symmetrised(np.linalg.inv(normal))
         J = cov.inverse_jacobian(T)  # from the estimated T_current_reference to the motion
         scatter = equations.scatter(selected.pixels, _BLOCK_PX)
-        noise = cov.symmetrised(J @ inverse @ scatter @ inverse @ J.T)
+        noise = cov.symmetrised(J @ inverse @ scatter[:6, :6] @ inverse @ J.T)
         errors = self._common_errors(selected, camera, T, warped)
-        common = -J @ inverse @ np.einsum("nij,njk->ik", equations.weighted, errors)
+        common = -J @ inverse @ np.einsum("nij,njk->ik", equations.weighted[:, :6], errors)
+        by_calibration = -J @ inverse @ equations.normal[:6, 6:]
+        calibration_covariance = _calibration_covariance(equations.normal, scatter, estimate)
+        systematic = common @ common.T + by_calibration @ calibration_covariance @ by_calibration.T
         left, right = warped.visible.T
         shift = np.hypot(*(warped.positions[left, 0] - selected.pixels[left]).T)
         return Outputs(
             motion=se3.inverse(T),
-            covariance=noise + cov.symmetrised(common @ common.T),
+            covariance=noise + cov.symmetrised(systematic),
             noise_covariance=noise,
             common_response=common,
+            calibration=estimate.calibration_px,
+            calibration_covariance=calibration_covariance,
+            calibration_response=by_calibration,
             pixels=len(selected.values),
             overlap=float(left.mean()),
             correlation=_correlation(selected.values[left], warped.residuals[left, 0]),
@@ -234,7 +294,8 @@ class NormalisedPyramid(Interface[NormalisedPyramidConfig]):
         """Return the changes (n, 2, 14) of the residuals by one standard deviation of each common error."""
         c = self.config
         reference = np.column_stack([selected.pixels, selected.disparities])
-        points = np.maximum(se3.transform_points(T, selected.points), [-np.inf, -np.inf, 0.05])
+        points = se3.transform_points(T, camera.triangulate(reference))
+        points = np.maximum(points, [-np.inf, -np.inf, 0.05])
         current = camera.project(points)
         J = camera.projection_jacobian(points) @ T[:3, :3] @ camera.triangulation_jacobian(reference)
         corner_px = corner_radius_px(camera, reference)
@@ -270,6 +331,14 @@ def _require_view(warped: Warped) -> None:
             f"{overlap:.0%} of the reference in view, expected at least {_MIN_OVERLAP:.0%}",
             [f"low_overlap:{overlap:.2f}<{_MIN_OVERLAP:.2f}"],
         )
+
+
+def _calibration_covariance(normal: FloatArray, scatter: FloatArray, estimate: _Estimate) -> FloatArray:
+    """Return the covariance (2, 2) of the parameters of the calibration by their prior and the gradient."""
+    prior = np.zeros((8, 8))
+    prior[6:, 6:] = estimate.prior_information
+    inverse = np.linalg.inv(normal + prior)
+    return cov.symmetrised((inverse @ (scatter + prior) @ inverse)[6:, 6:])
 
 
 def _correlation(values: FloatArray, residuals: FloatArray) -> float:

@@ -39,9 +39,16 @@ class AttitudeFixes:
         self._latest = (stamp_ns, T_site_base)
 
     def correct(
-        self, state: ConsiderState, T_base_left: FloatArray, stamp_ns: int
+        self,
+        state: ConsiderState,
+        T_base_left: FloatArray,
+        stamp_ns: int,
+        calibration_covariance: FloatArray,
     ) -> tuple[ConsiderState, list[str]]:
-        """Return ``T_vo_left`` at a time, corrected by a fix of that time, and reasons if it disagrees."""
+        """Return ``T_vo_left`` at a time, corrected by a fix of that time, and reasons if it disagrees.
+
+        ``calibration_covariance`` (k, k) is that of the estimated errors of the calibration.
+        """
         if self._latest is None or abs(stamp_ns - self._latest[0]) > _MAX_AGE_NS:
             return state, []
         fix, self._latest = self._latest[1], None
@@ -54,19 +61,19 @@ class AttitudeFixes:
         R_vo_left = self._R_site_vo.T @ R_site_left
         noise = self._first + self._R_site_vo.T @ fix_covariance @ self._R_site_vo
         innovation = se3.log_so3(R_vo_left @ state.matrix[:3, :3].T)
-        return _updated(state, innovation, noise)
+        return _updated(state, innovation, noise, calibration_covariance)
 
 
 def _updated(
-    state: ConsiderState, innovation: FloatArray, noise: FloatArray
+    state: ConsiderState, innovation: FloatArray, noise: FloatArray, calibration_covariance: FloatArray
 ) -> tuple[ConsiderState, list[str]]:
     """Return the Kalman update of a pose by a measured rotation error (3,); all errors are updated.
 
-    The errors common to all motions are considered: they contribute to the gain and keep their unit
-    variance.
+    The errors common to all motions and those of the calibration are considered: they contribute to the gain
+    and keep their variance.
     """
     response = state.response
-    P = state.noise + response @ response.T
+    P = np.asarray(state.to_transform(calibration_covariance).covariance)
     S = P[3:, 3:] + noise
     distance = float(innovation @ np.linalg.solve(S, innovation))
     if distance > _GATE:

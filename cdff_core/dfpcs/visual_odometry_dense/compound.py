@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from cdff_common.arrays import FloatArray
 from cdff_common.errors import InputError, RefusedError
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.interfaces.dfn import Dfn
@@ -20,7 +21,7 @@ from cdff_core.dfns.photometric_motion_estimation.interface import PhotometricMo
 from cdff_core.dfpcs.visual_odometry_dense.attitude import AttitudeFixes
 from cdff_core.dfpcs.visual_odometry_dense.configuration import VisualOdometryDenseConfig
 from cdff_core.dfpcs.visual_odometry_dense.interface import VisualOdometryDenseInterface
-from cdff_core.dfpcs.visual_odometry_dense.keyframe import Keyframe, KeyframeAligner
+from cdff_core.dfpcs.visual_odometry_dense.keyframe import CALIBRATION, Keyframe, KeyframeAligner
 from cdff_core.dfpcs.visual_odometry_dense.quality import alignment_metrics, alignment_reasons
 from cdff_core.stereo_odometry.camera_path import CameraPath
 from cdff_core.stereo_odometry.consider_state import ConsiderState
@@ -106,6 +107,7 @@ class VisualOdometryDense(VisualOdometryDenseInterface):
             raise RefusedError("stamps must increase", [f"stamp_not_after:{last.stamp_ns}"])
         if last is not None and not view.has_same_camera(last):
             self._keyframe, self._last = None, None
+            self._aligner.calibration.reset()
             self._gaps.close()
         self._prior.set_mounts(self.context, view.pair.left.T_robot_sensor, view.stamp_ns)
         return view
@@ -121,10 +123,15 @@ class VisualOdometryDense(VisualOdometryDenseInterface):
         """Make the first keyframe, at the origin; after a change of the camera, at the predicted pose."""
         after_camera_change = not self._path.is_empty
         pose = self._path.across_gap(view.stamp_ns) if after_camera_change else UncertainTransform.identity()
-        self._keyframe, reasons = self._aligner.build(view, ConsiderState.independent(pose, 0), sharpness)
+        self._keyframe, reasons = self._aligner.build(
+            view, ConsiderState.independent(pose, CALIBRATION), sharpness
+        )
         reasons += blur_reasons(sharpness) + (["camera_changed"] if after_camera_change else [])
         self._gaps.count += after_camera_change
-        self._fixed(self._keyframe.pose, view.stamp_ns)  # the first fix defines the attitude of the frame
+        covariance = self._aligner.calibration.covariance_px2
+        self._fixed(
+            self._keyframe.pose, view.stamp_ns, covariance
+        )  # the first fix defines the attitude of the frame
         self._path.add(view.stamp_ns, pose, after_gap=after_camera_change)
         metrics = {"sharpness": sharpness, "gaps": float(self._gaps.count)}
         return self._output(view.stamp_ns, (view.sample_id,), pose, self._quality(reasons, metrics))
@@ -142,11 +149,16 @@ class VisualOdometryDense(VisualOdometryDenseInterface):
         metrics["prior_ratio"] = 0.0 if bounds is None else bounds.ratio(aligned.motion)
         reasons = alignment_reasons(metrics) + blur_reasons(sharpness, keyframe.sharpness)
         reasons += ["gap"] if self._gaps.is_open else []
-        state = keyframe.pose @ ConsiderState(
-            aligned.motion, aligned.noise_covariance, aligned.common_response
+        calibration, change = (
+            self._aligner.calibration,
+            aligned.calibration - self._aligner.calibration.mean_px,
         )
-        state, fix_reasons, is_fixed = self._fixed(state, view.stamp_ns)
-        pose = state.to_transform(np.zeros((0, 0)))
+        response = np.hstack([aligned.common_response, aligned.calibration_response])
+        motion = ConsiderState(aligned.motion, aligned.noise_covariance, response)
+        state = keyframe.pose.with_calibration_change(change) @ motion
+        calibration.store(aligned.calibration, aligned.calibration_covariance)
+        state, fix_reasons, is_fixed = self._fixed(state, view.stamp_ns, aligned.calibration_covariance)
+        pose = state.to_transform(aligned.calibration_covariance)
         self._path.add(view.stamp_ns, pose, after_gap=self._gaps.is_open)
         self._gaps.close()
         inputs = (keyframe.view.sample_id, view.sample_id)
@@ -155,7 +167,7 @@ class VisualOdometryDense(VisualOdometryDenseInterface):
                 self._keyframe = self._aligner.build(view, state, sharpness)[0]
             except RefusedError as refusal:
                 reasons += refusal.reasons
-        metrics |= {"sharpness": sharpness, "gaps": float(self._gaps.count)}
+        metrics |= {"sharpness": sharpness, "gaps": float(self._gaps.count)} | calibration.metrics()
         return self._output(view.stamp_ns, inputs, pose, self._quality(reasons + fix_reasons, metrics))
 
     def _is_left(self, aligned: PhotometricMotionEstimationOutputs, view: StereoView) -> bool:
@@ -166,16 +178,18 @@ class VisualOdometryDense(VisualOdometryDenseInterface):
     def _bridge_gap(self, view: StereoView, sharpness: float) -> None:
         """Count a refused pair; after several in a row make a keyframe at the predicted pose."""
         if self._gaps.refuse():
-            pose = ConsiderState.independent(self._path.across_gap(view.stamp_ns), 0)
+            pose = ConsiderState.independent(self._path.across_gap(view.stamp_ns), CALIBRATION)
             self._keyframe = self._aligner.build(view, pose, sharpness)[0]
             self._gaps.bridge()
 
-    def _fixed(self, state: ConsiderState, stamp_ns: int) -> tuple[ConsiderState, list[str], bool]:
+    def _fixed(
+        self, state: ConsiderState, stamp_ns: int, calibration_covariance: FloatArray | None
+    ) -> tuple[ConsiderState, list[str], bool]:
         """Return a pose corrected by the latest attitude fix, reasons, and whether it was corrected."""
         mount = self._prior.T_base_left
-        if mount is None:
+        if mount is None or calibration_covariance is None:
             return state, [], False
-        corrected, reasons = self._attitude.correct(state, mount, stamp_ns)
+        corrected, reasons = self._attitude.correct(state, mount, stamp_ns, calibration_covariance)
         return corrected, reasons, corrected is not state
 
     def _quality(self, reasons: list[str], metrics: dict[str, float]) -> Quality:

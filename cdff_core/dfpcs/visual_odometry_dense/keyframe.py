@@ -24,9 +24,15 @@ from cdff_core.dfns.photometric_motion_estimation.interface import (
     PhotometricMotionEstimationOutputs,
 )
 from cdff_core.dfpcs.visual_odometry_dense.quality import check_alignment, stereo_reasons
+from cdff_core.imaging.disparity_calibration import DisparityCalibration
 from cdff_core.imaging.rectified_camera import RectifiedCamera
 from cdff_core.stereo_odometry.consider_state import ConsiderState
+from cdff_core.stereo_odometry.limits import rectification_reasons
+from cdff_core.stereo_odometry.right_image_correction import RightImageCorrection
 from cdff_core.stereo_odometry.stereo_view import StereoView
+
+#: Number of errors of the calibration that the alignment estimates: offset and decentring of the disparities.
+CALIBRATION = 2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,16 +52,20 @@ class KeyframeAligner:
         self._disparity, self._alignment = dfn("disparity"), dfn("alignment")
         self._extraction, self._description = dfn("extraction"), dfn("description")
         self._matching, self._pnp = dfn("matching"), pnp
+        self._correction = RightImageCorrection(dfn)
+        self.calibration = DisparityCalibration()
 
     def build(self, view: StereoView, pose: ConsiderState, sharpness: float) -> tuple[Keyframe, list[str]]:
         """Return a keyframe and its deficiencies; raises RefusedError if its two images do not match."""
-        frame = self._disparity.process(
-            DisparityImageInputs(left=view.pair.left, right=view.pair.right)
-        ).disparity
+        self._correction.update(view)
+        self.calibration.update(self._correction.open_covariance)
+        pair = self._correction.apply(view).as_pair()
+        frame = self._disparity.process(DisparityImageInputs(left=pair.left, right=pair.right)).disparity
         disparity = np.array(frame.image, np.float32).reshape(view.left.shape)
         if view.left_mask is not None:
             disparity[~view.left_mask] = np.nan
         reasons = stereo_reasons(float(np.isfinite(disparity).mean()))
+        reasons += rectification_reasons(self._correction.row_offset_px)
         return Keyframe(view, pose, disparity, sharpness), reasons
 
     def align(
@@ -65,6 +75,7 @@ class KeyframeAligner:
 
         Raises RefusedError if the images do not agree at any motion found.
         """
+        view = self._correction.apply(view)
         try:
             return self._aligned(view, keyframe, T_keyframe_current)
         except RefusedError as refusal:
@@ -85,6 +96,8 @@ class KeyframeAligner:
                 camera_matrix=view.camera_matrix,
                 baseline=view.baseline,
                 guess=guess,
+                calibration=self.calibration.mean_px,
+                calibration_covariance=self.calibration.covariance_px2,
                 left_mask=view.left_mask,
                 right_mask=view.right_mask,
             )

@@ -23,14 +23,13 @@ from cdff_core.dfpcs.visual_odometry_sparse.keyframe import Keyframe, KeyframeBu
 from cdff_core.dfpcs.visual_odometry_sparse.keyframe_tracker import KeyframeTracker
 from cdff_core.dfpcs.visual_odometry_sparse.quality import (
     is_scene_uncertain,
-    rectification_reasons,
 )
 from cdff_core.imaging.disparity_calibration import DisparityCalibration
 from cdff_core.stereo_odometry.camera_path import CameraPath
 from cdff_core.stereo_odometry.consider_state import ConsiderState
 from cdff_core.stereo_odometry.gaps import Gaps
 from cdff_core.stereo_odometry.image_acceptance import assess_pair
-from cdff_core.stereo_odometry.limits import blur_reasons
+from cdff_core.stereo_odometry.limits import blur_reasons, rectification_reasons
 from cdff_core.stereo_odometry.motion_prior import CAMERAS, MotionPrior
 from cdff_core.stereo_odometry.robot_masks import RobotMasks
 from cdff_core.stereo_odometry.stereo_view import StereoView

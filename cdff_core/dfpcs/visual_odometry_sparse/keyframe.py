@@ -11,13 +11,12 @@ from typing import Any
 from cdff_common.errors import RefusedError
 from cdff_common.geometry.se3 import FloatArray
 from cdff_common.interfaces.dfn import Dfn
-from cdff_core.dfns.features_extraction_2d.interface import FeaturesExtraction2DInputs
-from cdff_core.dfns.rectification_refinement.interface import RectificationRefinementInputs
-from cdff_core.dfns.stereo_matching_2d.interface import StereoMatching2DInputs
 from cdff_core.dfns.stereo_triangulation.interface import StereoTriangulationInputs
 from cdff_core.dfpcs.visual_odometry_sparse import quality
 from cdff_core.imaging.disparity_calibration import DisparityCalibration
 from cdff_core.stereo_odometry.consider_state import ConsiderState
+from cdff_core.stereo_odometry.limits import rectification_reasons
+from cdff_core.stereo_odometry.stereo_points import StereoPointMatcher
 from cdff_core.stereo_odometry.stereo_view import StereoView
 
 
@@ -40,30 +39,15 @@ class KeyframeBuilder:
     """Makes keyframes by the DFNs extraction, stereo_matching, refinement and triangulation."""
 
     def __init__(self, dfn: Callable[[str], Dfn[Any, Any, Any]], calibration: DisparityCalibration) -> None:
-        self._extraction, self._stereo_matching = dfn("extraction"), dfn("stereo_matching")
-        self._refinement, self._triangulation = dfn("refinement"), dfn("triangulation")
+        self._points, self._triangulation = StereoPointMatcher(dfn), dfn("triangulation")
         self._calibration = calibration
 
     def build(self, view: StereoView, pose: ConsiderState, sharpness: float) -> tuple[Keyframe, list[str]]:
         """Return a keyframe and its deficiencies; raises RefusedError if its two images do not match."""
-        detected = self._extraction.process(
-            FeaturesExtraction2DInputs(image=view.left, mask=view.left_mask)
-        ).features
-        stereo_matches = self._stereo_matching.process(
-            StereoMatching2DInputs(left=view.left, right=view.right, features=detected)
-        )
-        on_scene = view.is_on_scene(detected, stereo_matches.disparities)
-        valid = stereo_matches.valid & on_scene
-        features, disparities = detected[valid], stereo_matches.disparities[valid]
-        reasons = quality.stereo_reasons(disparities, len(detected))
-        field = self._refinement.process(
-            RectificationRefinementInputs(
-                features=features,
-                disparities=disparities,
-                camera_matrix=view.camera_matrix,
-                row_offsets=stereo_matches.row_offsets[valid],
-            )
-        )
+        points = self._points.match(view)
+        features, disparities = points.features, points.disparities
+        reasons = quality.stereo_reasons(disparities, points.detected)
+        field = self._points.refine(points, view)
         self._calibration.update(field.open_covariance)
         disparities = disparities + field.corrections
         corrected = disparities + field.basis @ self._calibration.mean_px
@@ -81,13 +65,13 @@ class KeyframeBuilder:
             pose=pose,
             features=features[usable],
             disparities=disparities[usable],
-            slopes=stereo_matches.slopes[valid][usable],
+            slopes=points.slopes[usable],
             basis=field.basis[usable],
             points=triangulated.points,
             sharpness=sharpness,
             row_offset_px=float(field.coefficients[0]),
         )
-        return keyframe, reasons + quality.rectification_reasons(keyframe.row_offset_px)
+        return keyframe, reasons + rectification_reasons(keyframe.row_offset_px)
 
 
 class KeyframeWindow:

@@ -16,9 +16,6 @@ from cdff_core.stereo_odometry.limits import below, require
 MIN_STEREO, GOOD_STEREO = 30, 80
 #: Fraction of the detected points with a disparity; in two different scenes it is a few per cent by chance.
 MIN_STEREO_FRACTION, GOOD_STEREO_FRACTION = 0.15, 0.3
-#: Largest row offset between the images at the centre, pixels. With a larger one, matches are lost (their
-#: rows may differ by 1 px) and the disparities of slanted edges are biased.
-MAX_ROW_OFFSET_PX = 0.5
 #: Fraction of the tracked points with the predicted disparity.
 MIN_PAIRING_FRACTION = 0.4
 #: Number of inliers of a motion, and their fraction of the tracked points.
@@ -49,13 +46,6 @@ def stereo_reasons(disparities: FloatArray, detected: int) -> list[str]:
         *below(fraction, GOOD_STEREO_FRACTION, "stereo_mismatch"),
         *below(near_count, GOOD_NEAR, "few_near_points"),
     ]
-
-
-def rectification_reasons(row_offset_px: float) -> list[str]:
-    """Return the reason ``row_offset`` if the rows of the two images differ by too many pixels."""
-    if abs(row_offset_px) <= MAX_ROW_OFFSET_PX:
-        return []
-    return [f"row_offset:{abs(row_offset_px):.2f}>{MAX_ROW_OFFSET_PX:.2f}"]
 
 
 def motion_reasons(metrics: dict[str, float]) -> list[str]:

@@ -88,3 +88,24 @@ def test_images_without_disparities_are_refused() -> None:
 def test_a_guess_that_is_not_rigid_is_refused() -> None:
     with pytest.raises(InputError, match="rigid"):
         align(guess=2.0 * np.eye(4))
+
+
+def test_an_offset_of_the_columns_of_the_right_camera_is_estimated() -> None:
+    motion, offset_px = se3.transform(np.eye(3), [0.0, 0.0, 1.0]), 0.4
+    right = view(se3.inverse(motion), BASELINE_M)
+    right = cv2.warpAffine(right, np.array([[1.0, 0.0, -offset_px], [0.0, 1.0, 0.0]]), (COLS, ROWS))
+    disparity = np.full((ROWS, COLS), 250.0 * BASELINE_M / DEPTH_M + offset_px, np.float32)
+    inputs = {"right": np.asarray(right, np.uint8), "disparity": disparity, "guess": motion}
+    fixed = align(motion, **inputs)
+    assert np.abs(fixed.calibration).max() < 1e-6
+    prior = {"calibration": np.zeros(2), "calibration_covariance": np.diag([0.25, 1e-6])}
+    estimated = align(motion, **inputs, **prior)
+    assert estimated.calibration[0] == pytest.approx(-offset_px, abs=0.15)
+    assert estimated.calibration_covariance[0, 0] < 0.1
+    errors = [np.linalg.norm(out.motion[:3, 3] - motion[:3, 3]) for out in (fixed, estimated)]
+    assert errors[1] < 0.5 * errors[0]
+
+
+def test_a_prior_of_another_number_of_parameters_is_refused() -> None:
+    with pytest.raises(InputError, match="offset and decentring"):
+        align(calibration=np.zeros(3), calibration_covariance=np.eye(3))

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -144,3 +145,21 @@ def test_the_trajectory_contains_all_poses(pairs: list[FramePair]) -> None:
     for i in range(3):
         step(dfpc, pairs[i], i)
     assert len(dfpc.get_trajectory().stamps_ns) == 3
+
+
+def test_a_right_image_two_thirds_of_a_row_lower_is_corrected_and_reported(pairs: list[FramePair]) -> None:
+    dfpc, offset_px = make_configured_dfpc(), 0.67
+    for i in (0, 2):
+        right = np.array(pairs[i].right.image)
+        lower = cv2.warpAffine(
+            right,
+            np.array([[1, 0, 0], [0, 1, offset_px]]),
+            right.shape[::-1],
+            borderMode=cv2.BORDER_REPLICATE,
+        )
+        output = step(dfpc, pair_of(np.array(pairs[i].left.image), lower, i), i)
+        if i == 0:
+            assert [reason.split(":")[0] for reason in output.quality.reasons] == ["row_offset"]
+    last = error(output, 2)
+    assert np.linalg.norm(last[:3]) < 0.003
+    assert np.linalg.norm(last[3:]) < 5e-4
