@@ -206,7 +206,12 @@ class BitReader:
         if kernels is None:
             out[:] = np.frombuffer(self.get_bytes(size), dtype=np.uint8)
             return out
-        kernels.read_bytes(self._pad_message(kernels.READ_PADDING), begin, shift, out)
+        if self._array is None and size < len(self._data) // 2:
+            # A padded copy of the whole message would double the memory of decoding it.
+            part = np.frombuffer(self._data, dtype=np.uint8, count=size + 1, offset=begin).copy()
+            kernels.read_bytes(part, 0, shift, out)
+        else:
+            kernels.read_bytes(self._pad_message(kernels.READ_PADDING), begin, shift, out)
         self._position += 8 * size
         return out
 

@@ -63,8 +63,12 @@ def recover(records: Iterable[Mapping[str, Any]]) -> RecoveredState:
                 state.ended.append(_job_summary({**state.open_jobs.pop(job, {}), **record}))
                 del state.ended[:-_ENDED_JOBS]
             else:
-                accepted_ns = state.open_jobs.get(job, record).get("accepted_ns", record.get("at_ns"))
-                state.open_jobs[job] = {**state.open_jobs.get(job, {}), **record, "accepted_ns": accepted_ns}
+                first = state.open_jobs.get(job, record)
+                times = {
+                    "accepted_ns": first.get("accepted_ns", record.get("at_ns")),
+                    "opened_ns": first.get("opened_ns", record.get("stamp_ns")),
+                }
+                state.open_jobs[job] = {**state.open_jobs.get(job, {}), **record, **times}
         elif kind == "lease":
             if record["action"] == "acquire":
                 leases.setdefault(str(record["holder"]), set()).update(
@@ -107,6 +111,8 @@ def _job_summary(record: Mapping[str, Any]) -> dict[str, Any]:
         "state": str(record["state"]),
         "reason": str(record.get("reason", "")),
         "accepted_ns": record.get("accepted_ns", record.get("at_ns")),
+        "opened_ns": record.get("opened_ns", record.get("stamp_ns")),
+        "ended_ns": record.get("stamp_ns"),
         "remaining_s": None,
         "request": dict(record.get("request") or {}),
         "plan": record.get("plan"),

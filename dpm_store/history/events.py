@@ -116,6 +116,18 @@ class Event:
     kind: str
     body: Mapping[str, Any]
 
+    def to_dict(self) -> dict[str, Any]:
+        """Return the fields of the body with ``ordinal``, ``stamp_ns``, ``scope`` and ``kind``.
+
+        A field of the body that has one of these names and another value is returned as ``body_{name}``.
+        """
+        own = {"ordinal": self.ordinal, "stamp_ns": self.stamp_ns, "scope": self.scope, "kind": self.kind}
+        renamed = {
+            f"body_{name}" if own.get(name, value) != value else name: value
+            for name, value in self.body.items()
+        }
+        return {**renamed, **own}
+
 
 def _with_actor(body: Mapping[str, Any]) -> dict[str, Any]:
     """Return a body with the present actor: every change is its own audit entry."""

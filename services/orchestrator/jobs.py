@@ -36,6 +36,10 @@ class Job:
         UUID.
     deadline_s : float
         When the final reply is due, monotonic seconds.
+    accepted_ns : int
+        Wall time.
+    opened_ns, ended_ns : int or None
+        Mission times of its acceptance and of its end.
     reason : str
         Reason for its state.
     result : mapping
@@ -55,6 +59,8 @@ class Job:
     request: ProductRequest
     deadline_s: float
     accepted_ns: int
+    opened_ns: int | None = None
+    ended_ns: int | None = None
     state: JobState = JobState.RECEIVED
     reason: str = ""
     plan: Mapping[str, Any] | None = None
@@ -96,6 +102,8 @@ class Job:
             "state": str(self.state),
             "reason": self.reason,
             "accepted_ns": self.accepted_ns,
+            "opened_ns": self.opened_ns,
+            "ended_ns": self.ended_ns,
             "remaining_s": None if self.state in FINAL_STATES else round(self.remaining_s(), 3),
             "request": self.request.describe(),
             "plan": self.plan,
@@ -164,7 +172,7 @@ class JobRegistry:
             for _ in range(min(listed - self._ended_limit, len(self._ended))):
                 job_id = next(iter(self._ended))
                 del self._jobs[job_id], self._ended[job_id]
-        self._journal.append(
+        job.opened_ns = self._journal.append(
             "job",
             # A client with progress replies has been notified of the job: the record must be durable.
             durable=request.progress,
@@ -222,7 +230,7 @@ class JobRegistry:
             if state in FINAL_STATES:
                 self._open.pop(job.request.id, None)
                 self._ended[job.id] = None
-        self._journal.append(
+        stamp_ns = self._journal.append(
             "job",
             durable=job.request.progress and state in FINAL_STATES,
             job=job.id,
@@ -231,6 +239,8 @@ class JobRegistry:
             reason=reason,
             **more,
         )
+        if state in FINAL_STATES:
+            job.ended_ns = stamp_ns
 
     def renew(self, job_id: str, lease_s: float) -> Job:
         """Extend a standing request to ``lease_s`` from now.

@@ -51,8 +51,8 @@ class Journal:
         """Call a listener with each written record, in the writing thread."""
         self._listeners.append(listener)
 
-    def append(self, kind: str, *, durable: bool = True, **record: Any) -> None:
-        """Append a record and return once it is on the disk; raises StorageError.
+    def append(self, kind: str, *, durable: bool = True, **record: Any) -> int:
+        """Append a record and return its mission time once it is on the disk; raises StorageError.
 
         Meanwhile other requests are served.
 
@@ -62,7 +62,8 @@ class Journal:
         """
         with self._lock:
             number = self._number + 1
-            fields = {"n": number, "at_ns": wall_ns(), "stamp_ns": self._clock.now_ns(), "kind": kind}
+            stamp_ns = self._clock.now_ns()
+            fields = {"n": number, "at_ns": wall_ns(), "stamp_ns": stamp_ns, "kind": kind}
             with self._storage_errors():
                 self._file.write(_line({**fields, **record}))
             self._number = number
@@ -71,6 +72,7 @@ class Journal:
                 self._sync(number)
         for listener in self._listeners:
             listener({**fields, **record})
+        return stamp_ns
 
     def _sync(self, number: int) -> None:
         """Return once a record is on the disk; one of the waiting threads syncs for all."""

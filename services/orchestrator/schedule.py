@@ -85,6 +85,8 @@ class ScheduledRequest:
             "state": self.state,
             "reason": self.reason,
             "accepted_ns": self.accepted_ns,
+            "opened_ns": None,
+            "ended_ns": None,
             "remaining_s": None,
             "request": self.request.describe(),
             "plan": None,

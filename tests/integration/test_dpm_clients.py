@@ -7,23 +7,28 @@ pyogrio). The site is on Mars, so every coordinate reference system that they re
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 import math
 import shutil
 import subprocess
 import sys
 import urllib.error
+import urllib.parse
 import urllib.request
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import psutil
 import pytest
+from PIL import Image
 
 from cdff_common.clock import ManualClock
-from cdff_common.codecs import encode
+from cdff_common.codecs import encode, encoding_string
 from cdff_common.geodesy import Anchor, body
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.interfaces.product import Header, product_id
@@ -31,6 +36,7 @@ from cdff_common.raster import GridGeometry
 from cdff_common.types import ElevationMap, TransformWithCovariance
 from cdff_dev.ports import free_port
 from dpm_store import NewProduct, open_store
+from services.dpm.operations.work_budget import TOTAL_BYTES
 
 from .conftest import process_starter, wait_until
 
@@ -48,15 +54,27 @@ class Server:
     """A running DPM and the ids of its products."""
 
     url: str
+    process_id: int
     patches: tuple[str, ...]
     rotated: str
     unanchored: str
 
     def get(self, path: str, **headers: str) -> tuple[int, Any, Any]:
         """Return status, headers and JSON of the response."""
-        request = urllib.request.Request(self.url + path, headers=headers)
+        return self._answer(urllib.request.Request(self.url + path, headers=headers))
+
+    def post_product(self, product: NewProduct, header: dict[str, Any]) -> tuple[int, Any, Any]:
+        """Insert a product with a header of its own; return status, headers and JSON of the response."""
+        names = {name: getattr(product, name) for name in ("robot", "dfpc", "port", "product")}
+        url = f"{self.url}/api/v1/products?{urllib.parse.urlencode(names)}"
+        encoding = encoding_string(product.type_name, "uper")
+        headers = {"Content-Type": encoding, "CDFF-Header": json.dumps(header)}
+        return self._answer(urllib.request.Request(url, product.payload, headers, method="POST"))
+
+    @staticmethod
+    def _answer(request: urllib.request.Request) -> tuple[int, Any, Any]:
         try:
-            with urllib.request.urlopen(request, timeout=20) as answer:
+            with urllib.request.urlopen(request, timeout=60) as answer:
                 return answer.status, answer.headers, json.load(answer)
         except urllib.error.HTTPError as error:
             return error.code, error.headers, json.load(error)
@@ -120,10 +138,12 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
     port, endpoint = free_port(), f"tcp/127.0.0.1:{free_port()}"
     with process_starter(endpoint, folder) as start:
         start("services.router")
-        start("services.dpm", "--http", f"127.0.0.1:{port}", "--data-dir", str(folder / "data"))
+        dpm = start("services.dpm", "--http", f"127.0.0.1:{port}", "--data-dir", str(folder / "data"))
         url = f"http://127.0.0.1:{port}"
-        wait_until(lambda: _ready(url), 60, "the DPM")
-        yield Server(url, tuple(p.header.id for p in anchored), rotated.header.id, unanchored.header.id)
+        wait_until(lambda: _ready(url), 180, "the DPM")
+        yield Server(
+            url, dpm.pid, tuple(p.header.id for p in anchored), rotated.header.id, unanchored.header.id
+        )
 
 
 def _ready(url: str) -> bool:
@@ -361,6 +381,35 @@ def test_owslib_reads_a_tile_in_both_encodings_of_wmts(server: Server) -> None:
         assert answer.read().startswith(b"\x89PNG")
 
 
+def test_owslib_selects_a_time_by_the_dimension_of_wmts(server: Server) -> None:
+    wmts = pytest.importorskip("owslib.wmts", reason="owslib is not installed")
+    service = wmts.WebMapTileService(f"{server.url}/wmts")
+    (name,) = service.contents["hillshade"].dimensions
+    dimension = service.contents["hillshade"].dimensions[name]
+    assert (name, dimension["UOM"], dimension["default"]) == ("Time", "ISO8601", "current")
+    assert dimension["values"] == ["current", "1970-01-01T00:00:00.000000Z", "1970-01-01T00:01:41.000000Z"]
+    tile = {"tilematrixset": "grid", "tilematrix": "17", "row": 65535, "column": 65536, "format": "image/png"}
+    observed = {}
+    for time in ("current", "1970-01-01T00:00:04Z", "1970-01-01T00:00:05Z/1970-01-01T00:00:06Z"):
+        picture = service.gettile(layer="hillshade", **tile, **{name: time}).read()
+        alpha = np.asarray(Image.open(io.BytesIO(picture)).convert("RGBA"))[..., 3]
+        observed[time] = np.count_nonzero(alpha.any(axis=0)) * 0.1
+    # The tile shows 25.6 m; each second adds 2 m of the map.
+    assert list(observed.values()) == pytest.approx([25.6, 10.0, 4.0])
+
+
+def test_gdal_reads_the_tiles_of_the_time_in_the_address_of_the_capabilities(server: Server) -> None:
+    import rasterio
+
+    times = {"": 0.9, "?time=1970-01-01T00:00:01Z": 3.0 / 8.0}
+    for query, expected in times.items():
+        source = f"WMTS:{server.url}/wmts{query},layer=elevation,tilematrixset=IAU_2015_49910"
+        with rasterio.open(source) as file:
+            alpha = file.read(4, window=file.window(*body_metres(1.0, 0.5), *body_metres(9.0, 1.5)))
+        observed = float((alpha == 255).mean())
+        assert observed > 0.9 if expected == 0.9 else observed == pytest.approx(expected, abs=0.05)
+
+
 def body_metres(x_m: float, y_m: float) -> tuple[float, float]:
     """Return x and y in the equirectangular CRS of Mars of a site point."""
     lon, lat = lon_lat(x_m, y_m)
@@ -465,6 +514,8 @@ def test_qgis_shows_the_tiles_files_and_features(server: Server) -> None:
     assert result["wmts"]["valid"], result
     assert result["wmts"]["crs"] == "IAU_2015:49910"
     assert result["wmts"]["drawn"] > 0.9
+    # The first patch, of second 0, ends at x = 2 m: 1.0 of the 1.6 m of the box.
+    assert result["wmts"]["drawn_at_the_start"] == pytest.approx(1.0 / 1.6, abs=0.05)
     assert (result["cog"]["valid"], result["cog"]["bands"]) == (True, 6)
     assert "Mars" in result["cog"]["crs"]
     assert result["features"] == {"valid": True, "count": PATCHES + 2}
@@ -475,6 +526,7 @@ def test_qgis_shows_the_tiles_files_and_features(server: Server) -> None:
     [
         "SERVICE=WMS",
         "REQUEST=GetFeatureInfo",
+        "REQUEST=GetCapabilities&TIME=yesterday",
         "REQUEST=GetTile&LAYER=nonsense&TILEMATRIX=1&TILEROW=0&TILECOL=0",
         "REQUEST=GetTile&LAYER=dem&TILEMATRIX=1&TILEROW=2&TILECOL=0",
         "REQUEST=GetTile&LAYER=dem&TILEMATRIX=1&TILEROW=-1&TILECOL=0",
@@ -629,3 +681,63 @@ def test_invalid_requests_are_answered_with_400_and_the_reason(server: Server, p
     assert status == 400
     assert headers["Content-Type"] == "application/problem+json"
     assert problem["detail"]
+
+
+# --- Refused input and large files
+# -----------------------------------------------------------------------------------
+
+
+def test_a_header_whose_inputs_are_text_is_refused(server: Server) -> None:
+    product = patch(500.0, "site", 150)
+    header = product.header.to_dict() | {"inputs": "abc", "t0_ns": "150000000000", "t1_ns": "150000000000"}
+    status, headers, problem = server.post_product(product, header)
+    assert (status, headers["Content-Type"]) == (422, "application/problem+json")
+    assert "inputs" in problem["detail"]
+    assert server.get(f"/api/v1/products/{product.header.id}")[0] == 404
+
+
+@pytest.mark.parametrize(("size", "reason"), [(66_000, "at most 20000 characters"), (500_000, "65536 bytes")])
+def test_an_address_above_64_kb_is_refused_with_a_problem_document(
+    server: Server, size: int, reason: str
+) -> None:
+    status, headers, problem = server.get("/stac/search?ids=" + "a" * size)
+    assert (status, headers["Content-Type"]) == (400, "application/problem+json")
+    assert reason in problem["detail"]
+
+
+@pytest.mark.slow
+def test_gdal_opens_a_file_of_150_mb_that_is_converted_in_bounded_memory(server: Server) -> None:
+    """All requests together stay within the budget of the server, also if several clients ask at once."""
+    import rasterio
+
+    side = 2500
+    geometry = GridGeometry("site", 0.05, 1000.0, 0.05 * side, side, side)
+    noise = np.random.default_rng(0).normal(size=(side, side)).astype(np.float32)
+    bands = {name: np.abs(np.roll(noise, i)) for i, name in enumerate(("mean", "variance", "min", "max"))}
+    bands |= {"count": np.ceil(bands["max"] * 10.0), "age_s": bands["min"]}
+    value = ElevationMap.from_layers(geometry, bands, t0_ns=150 * S, t1_ns=150 * S)
+    bounds = geometry.bounds
+    box_m = (bounds[0], bounds[1], float(noise.min()), bounds[2], bounds[3], float(noise.max()))
+    header = header_of("large", 150, "mana", "site", box_m=box_m, resolution_m=0.05)
+    product = NewProduct(header, encode(value, "uper"), "mana", "mapping", "large", "dem", "ElevationMap")
+    assert len(product.payload) > 150_000_000
+    fields = header.to_dict() | {"t0_ns": "150000000000", "t1_ns": "150000000000"}
+    assert server.post_product(product, fields)[0] == 201
+    url = f"/vsicurl/{server.url}/api/v1/products/{header.id}/payload?format=tif"
+    window = ((1000, 1100), (2000, 2200))
+
+    def read(_: int) -> Any:
+        with rasterio.open(url) as file:
+            return file.read([1, 5], window=window)
+
+    process = psutil.Process(server.process_id)
+    idle_bytes = process.memory_info().rss
+    Path(f"/proc/{server.process_id}/clear_refs").write_text("5", encoding="ascii")  # of the largest memory
+    with ThreadPoolExecutor(3) as pool:
+        values = list(pool.map(read, range(3)))
+    rows = slice(*window[0]), slice(*window[1])
+    for read_bands in values:
+        np.testing.assert_array_equal(read_bands, [bands["mean"][rows], bands["count"][rows]])
+    status = Path(f"/proc/{server.process_id}/status").read_text(encoding="ascii")
+    (peak_kb,) = (int(line.split()[1]) for line in status.splitlines() if line.startswith("VmHWM"))
+    assert peak_kb * 1024 - idle_bytes < TOTAL_BYTES

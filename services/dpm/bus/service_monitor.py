@@ -15,6 +15,7 @@ from cdff_common.errors import CdffError
 from cdff_common.interfaces.profile import Robot
 from services.dpm.operations.dpm import OWN_EVENTS, Dpm
 from services.dpm.operations.overview import overview
+from services.dpm.operations.service_health import service_health
 
 logger = logging.getLogger(__name__)
 
@@ -38,6 +39,8 @@ class ServiceMonitor:
         self._lock = threading.Lock()
         self._dfpcs: dict[tuple[str, str], dict[str, Any]] = {}
         self._alive: set[tuple[str, str]] = set()
+        #: Mission time at which a service that was alive ended.
+        self._ended_ns: dict[tuple[str, str], int] = {}
         #: By robot and sensor: body of the newest ``event/sensor_mode``.
         self._modes: dict[tuple[str, str], dict[str, Any]] = {}
         bus.subscribe(keys.dfpc_status("*", "*"), on_map(self._on_status), depth=256)
@@ -60,6 +63,7 @@ class ServiceMonitor:
             self._left.add(robot)
             self._dfpcs = {k: v for k, v in self._dfpcs.items() if k[0] != robot}
             self._modes = {k: v for k, v in self._modes.items() if k[0] != robot}
+            self._ended_ns = {k: v for k, v in self._ended_ns.items() if k[0] != robot}
 
     def revision(self, robot: str) -> str:
         """Return the revision of the profile with which a robot has joined; empty for others."""
@@ -105,6 +109,16 @@ class ServiceMonitor:
                 services.setdefault(scope, []).append(service)
             return services
 
+    def health(self) -> list[dict[str, Any]]:
+        """Return the health of each service in words (``service_health``)."""
+        with self._lock:
+            last_seen_ns: dict[tuple[str, str], int | None] = {**self._ended_ns}
+            last_seen_ns |= dict.fromkeys(self._alive)
+            expected = [(robot.id, entry.name) for robot in self._robots.values() for entry in robot.dfpcs]
+        alarms = self._dpm.alarm_board.active()
+        now_ns = self._dpm.store.clock.now_ns()
+        return service_health(last_seen_ns, expected, self.all_dfpcs(), alarms, now_ns)
+
     def robots(self) -> set[str]:
         """Return the scopes of every service and status seen, without ``ground``."""
         with self._lock:
@@ -125,7 +139,13 @@ class ServiceMonitor:
     def _on_alive(self, key: str, is_alive: bool) -> None:
         parts = key.split("/")
         with self._lock:
-            (self._alive.add if is_alive else self._alive.discard)((parts[2], parts[4]))
+            service = parts[2], parts[4]
+            if is_alive:
+                self._alive.add(service)
+                self._ended_ns.pop(service, None)
+            elif service in self._alive:
+                self._alive.remove(service)
+                self._ended_ns[service] = self._dpm.store.clock.now_ns()
 
     def _on_event(self, message: Message) -> None:
         _, _, scope, _, kind = message.key.split("/")

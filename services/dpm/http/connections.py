@@ -20,6 +20,8 @@ from services.dpm.http.middleware.problems import problem
 
 #: Time for the header of a request, and for the client to read a part of an answer, seconds.
 HEADER_S, READ_S = 10.0, 30.0
+#: Time for which the rest of a refused request is read and discarded, seconds.
+LINGER_S = 2.0
 #: Largest header of a request, the default of uvicorn.
 _HEADER_BYTES = 64 << 10
 #: Idle connections in total and of one address; more than a client opens at once. Together with the requests
@@ -66,6 +68,7 @@ class BoundedConnection(H11Protocol):
         self._idle = idle
         self._header_timer: asyncio.TimerHandle | None = None
         self._read_timer: asyncio.TimerHandle | None = None
+        self._linger_timer: asyncio.TimerHandle | None = None
         self.address = ""
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
@@ -76,7 +79,9 @@ class BoundedConnection(H11Protocol):
         self._update()
 
     def data_received(self, data: bytes) -> None:
-        """Receive a part of a request."""
+        """Receive a part of a request; the rest of a refused one is discarded."""
+        if self._linger_timer is not None:
+            return
         super().data_received(data)
         self._update()
 
@@ -88,12 +93,18 @@ class BoundedConnection(H11Protocol):
     def connection_lost(self, exc: Exception | None) -> None:
         """Stop the deadlines."""
         super().connection_lost(exc)
+        if self._linger_timer is not None:
+            self._linger_timer.cancel()
         self._stop_header_timer()
         self.resume_writing()
 
     def send_400_response(self, msg: str) -> None:
-        """Answer a request that is not HTTP, or whose header is too large, with a problem document."""
-        if self.transport.is_closing():
+        """Answer a request that is not HTTP, or whose header is too large, with a problem document.
+
+        The connection stays open for reading for a moment: if it were closed before the client has sent its
+        whole request, the client would receive a reset instead of the answer.
+        """
+        if self.transport.is_closing() or self._linger_timer is not None:
             return
         detail = (
             f"{msg.rstrip('.')}: expected HTTP/1.1 with at most {_HEADER_BYTES} bytes of address and headers"
@@ -107,7 +118,9 @@ class BoundedConnection(H11Protocol):
         )
         for event in events:
             self.transport.write(self.conn.send(event) or b"")
-        self.transport.close()
+        if self.transport.can_write_eof():
+            self.transport.write_eof()
+        self._linger_timer = self.loop.call_later(LINGER_S, self.transport.close)
 
     def pause_writing(self) -> None:
         """Start the deadline of a client that does not read."""

@@ -237,6 +237,16 @@ class Overview(OpenModel):
     newest: list[dict[str, Any]]
 
 
+class ServiceHealthBody(OpenModel):
+    """Health of a service in words, with the end of the newest capture in its products."""
+
+    scope: str
+    service: str
+    health: Literal["good", "idle", "degraded", "failed"]
+    text: str
+    newest_t1_ns: StampNs | None
+
+
 class Status(OpenModel):
     """Counts and sizes, and the running services; without the bus there is no overview."""
 
@@ -249,6 +259,7 @@ class Status(OpenModel):
     alarms: list[AlarmBody]
     counters: dict[str, int]
     services: dict[str, list[str]]
+    health: list[ServiceHealthBody]
     mission: str | None
     process: str = "dpm"
     overview: Overview | None = None

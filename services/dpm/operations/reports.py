@@ -95,10 +95,7 @@ def _by_robot(numbers: Mapping[tuple[str, str], int]) -> dict[str, dict[str, int
 
 
 def _listing(events: Sequence[Event], since: int, limit: int) -> dict[str, Any]:
-    items = [
-        {**e.body, "ordinal": e.ordinal, "stamp_ns": e.stamp_ns, "scope": e.scope, "kind": e.kind}
-        for e in events
-    ]
+    items = [event.to_dict() for event in events]
     return {"items": items, "next": events[-1].ordinal if events else since, "more": len(events) == limit}
 
 

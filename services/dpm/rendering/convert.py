@@ -91,6 +91,7 @@ def convert(
 
     if value is None and payload is not None:
         value = decode(stored_as, payload, codec)
+        payload = None  # its memory is free for the file, if the caller does not need it
     if as_type not in (None, type_name):
         value, type_name = _as(value, type_name, str(as_type), header), str(as_type)
     if target_format in CODECS:

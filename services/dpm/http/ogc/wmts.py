@@ -64,6 +64,7 @@ def capabilities(
     sets: Sequence[MatrixSet],
     boxes: Mapping[str, Sequence[float]],
     times: Sequence[str],
+    default_time: str = CURRENT,
 ) -> bytes:
     """Return the WMTS capabilities document with all layers.
 
@@ -78,6 +79,8 @@ def capabilities(
         West, south, east and north of the maps of a product type, in the CRS of the first set.
     times : sequence of str
         Start of the first and end of the last capture.
+    default_time : str
+        Time of the tiles that a program without a choice of dimensions, such as GDAL, requests.
     """
     ET.register_namespace("", _WMTS)
     ET.register_namespace("ows", _OWS)
@@ -110,7 +113,7 @@ def capabilities(
         legend = {"format": "image/png", f"{{{_XLINK}}}href": f"{base}/tiles/{name}/legend.png"}
         ET.SubElement(style_element, f"{{{_WMTS}}}LegendURL", legend)
         _text(layer, _WMTS, "Format", "image/png")
-        _add_time(layer, times)
+        _add_time(layer, times, default_time)
         for matrix_set in sets:
             link = ET.SubElement(layer, f"{{{_WMTS}}}TileMatrixSetLink")
             _text(link, _WMTS, "TileMatrixSet", matrix_set.name)
@@ -125,13 +128,13 @@ def capabilities(
     return _document(root)
 
 
-def _add_time(layer: ET.Element, times: Sequence[str]) -> None:
+def _add_time(layer: ET.Element, times: Sequence[str], default: str) -> None:
     """Add the dimension of time: all maps, or those that were captured until a time."""
     dimension = ET.SubElement(layer, f"{{{_WMTS}}}Dimension")
     _text(dimension, _OWS, "Identifier", "Time")
     _text(dimension, _OWS, "UOM", "ISO8601")
-    _text(dimension, _WMTS, "Default", CURRENT)
-    for value in (CURRENT, *times):
+    _text(dimension, _WMTS, "Default", default)
+    for value in dict.fromkeys((default, CURRENT, *times)):
         _text(dimension, _WMTS, "Value", value)
 
 

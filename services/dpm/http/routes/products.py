@@ -167,8 +167,10 @@ def payload(
 
     def converted() -> Converted:
         context.dpm.budget.charge(CONVERSION_COPIES * record.size)
-        data = context.dpm.store.payload(product_id)
-        return convert(record.type_name, record.codec, data, format, as_, record.header, place=place)
+        stored = context.dpm.store.payload
+        return convert(
+            record.type_name, record.codec, stored(product_id), format, as_, record.header, place=place
+        )
 
     return converted_response(context, etag, converted, product_id, part, headers)
 

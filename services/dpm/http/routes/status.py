@@ -35,10 +35,14 @@ _METRICS_TIMEOUT_S = 1.0
 
 @router.get("/api/v1/status", response_model=Status)
 def status(context: Ctx) -> Any:
-    """Return counts and sizes, and the running services."""
-    services = context.watch.services() if context.watch is not None else {}
-    mission = context.profile.name if context.profile is not None else None
-    return jsonable(context.dpm.reports.status() | {"services": services, "mission": mission})
+    """Return counts and sizes, the running services, and the health of each service in words."""
+    watch = context.watch
+    more = {
+        "services": {} if watch is None else watch.services(),
+        "health": [] if watch is None else watch.health(),
+        "mission": None if context.profile is None else context.profile.name,
+    }
+    return jsonable(context.dpm.reports.status() | more)
 
 
 @router.get("/healthz", response_class=PlainTextResponse)
@@ -173,5 +177,5 @@ async def _stream(context: Context, last: int) -> AsyncIterator[str]:
 
 
 def _line(event: Event) -> str:
-    body = jsonable({**event.body, "stamp_ns": event.stamp_ns, "scope": event.scope, "kind": event.kind})
-    return f"id: {event.ordinal}\nevent: {event.kind}\ndata: {json.dumps(body)}\n\n"
+    data = json.dumps(jsonable(event.to_dict()))
+    return f"id: {event.ordinal}\nevent: {event.kind}\ndata: {data}\n\n"

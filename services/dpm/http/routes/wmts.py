@@ -20,7 +20,7 @@ from cdff_common.contract.parameters import validation_message
 from cdff_common.errors import InputError
 from cdff_common.geometry import checked_frame
 from services.dpm.http.context import Context, Ctx
-from services.dpm.http.ogc.wmts import GRID, capabilities, exception_report, matrix_sets
+from services.dpm.http.ogc.wmts import CURRENT, GRID, capabilities, exception_report, matrix_sets
 from services.dpm.http.routes.tiles import TileParameters, grid_in, tile_address, tile_response
 from services.dpm.http.stac.catalogue import Catalogue
 from services.dpm.rendering.tiles import LAYERS, TileRequest
@@ -36,7 +36,7 @@ _PAIRS: dict[str, Any] = {
             "explode": True,
             "description": "Key-value pairs of WMTS: SERVICE, REQUEST (GetCapabilities or GetTile), LAYER, "
             "STYLE, FORMAT, TILEMATRIXSET, TILEMATRIX, TILEROW, TILECOL, TIME; and FRAME, by default site, "
-            "ROBOT, AS_OF, QUALITY, LOW, HIGH",
+            "ROBOT, AS_OF, QUALITY, LOW, HIGH; TIME of GetCapabilities is the default of the tiles",
             "schema": {"type": "object", "additionalProperties": {"type": "string", "maxLength": 128}},
         }
     ]
@@ -77,13 +77,16 @@ def _answer(context: Context, request: Request, pairs: dict[str, str]) -> Respon
     frame = checked_frame(pairs.get("FRAME", "site"))
     operation = pairs.get("REQUEST", "GetCapabilities")
     if operation == "GetCapabilities":
-        return Response(_capabilities(context, request, frame), media_type="application/xml")
+        parameters = _tile_parameters({"time": pairs.get("TIME", CURRENT)})
+        _ = parameters.state  # a malformed time is refused here, not in each tile
+        document = _capabilities(context, request, frame, parameters.time)
+        return Response(document, media_type="application/xml")
     if operation != "GetTile":
         raise InputError(f"REQUEST={operation[:40]!r}: expected GetCapabilities or GetTile")
     return tile_response(context, request, _tile(context, pairs, frame))
 
 
-def _capabilities(context: Context, request: Request, frame: str) -> bytes:
+def _capabilities(context: Context, request: Request, frame: str, default_time: str) -> bytes:
     grid = grid_in(context, frame)
     products = set(LAYERS.values())
     layers = [layer for layer in Catalogue(context).collections() if layer.id in products]
@@ -100,7 +103,7 @@ def _capabilities(context: Context, request: Request, frame: str) -> bytes:
             format_stamp(max(layer.t1_ns for layer in layers)),
         ]
     sets = matrix_sets(context.places.of(frame).wkt, grid)
-    return capabilities(str(request.base_url).rstrip("/"), frame, sets, boxes, times)
+    return capabilities(str(request.base_url).rstrip("/"), frame, sets, boxes, times, default_time)
 
 
 def _tile(context: Context, pairs: dict[str, str], frame: str) -> TileRequest:
@@ -109,14 +112,18 @@ def _tile(context: Context, pairs: dict[str, str], frame: str) -> TileRequest:
     if form not in _FORMS:
         raise InputError(f"FORMAT={form[:40]!r}: expected one of {', '.join(_FORMS)}")
     z, row, column = (_number(pairs, name) for name in ("TILEMATRIX", "TILEROW", "TILECOL"))
-    try:
-        tile_values = {name: pairs[name.upper()] for name in _SELECTION if name.upper() in pairs}
-        tile_values["frame"] = frame
-        parameters = TileParameters.model_validate(tile_values)
-    except ValidationError as error:
-        raise InputError(validation_message(error.errors()[0])) from error
+    tile_values = {name: pairs[name.upper()] for name in _SELECTION if name.upper() in pairs}
+    parameters = _tile_parameters(tile_values | {"frame": frame})
     address = tile_address(context, frame, pairs.get("TILEMATRIXSET", GRID), z, column, row)
     return parameters.request(pairs.get("LAYER", ""), address, _FORMS[form])
+
+
+def _tile_parameters(values: dict[str, str]) -> TileParameters:
+    """Return the parameters of a tile; raises InputError if one is malformed."""
+    try:
+        return TileParameters.model_validate(values)
+    except ValidationError as error:
+        raise InputError(validation_message(error.errors()[0])) from error
 
 
 def _number(pairs: dict[str, str], name: str) -> int:

@@ -6,7 +6,7 @@
 const PAGE = 24;
 /** File formats that a card links to; the details list all. */
 const CARD_FORMATS = 2;
-const GOOD = new Set(["OK", "ACTIVE", "DONE", "SERVED", "active", "done", "served", "ready", "confirmed"]);
+const GOOD = new Set(["OK", "ACTIVE", "DONE", "SERVED", "active", "done", "served", "ready", "confirmed", "good"]);
 const BAD = new Set(["FAILED", "ERROR", "failed", "error", "faulted", "FAULTED", "EXPIRED", "expired", "CANCELLED", "cancelled", "dead", "critical"]);
 const IDLE = new Set(["INACTIVE", "inactive", "CONFIGURED", "configured", "UNCONFIGURED", "unconfigured", "idle", "IDLE"]);
 
@@ -14,6 +14,8 @@ const byId = (id) => document.getElementById(id);
 let items = [];
 let cursor = null;
 let asked = { type: "" };
+/** Mission time of the last status, nanoseconds as text. */
+let missionNs = null;
 /** Product types by name, as /api/v1/product_types lists them. */
 let productTypes = new Map();
 
@@ -72,6 +74,15 @@ function time(ns) {
   return new Date(ms).toISOString().replace("T", " ").slice(0, 21) + " UTC";
 }
 
+/** Age of a capture at the mission time of the last status, in words. */
+function age(ns) {
+  if (ns === null || ns === undefined || missionNs === null) return "–";
+  const seconds = Number((BigInt(missionNs) - BigInt(ns)) / 1000000n) / 1000;
+  if (seconds < 0) return `${(-seconds).toFixed(1)} s ahead`;
+  if (seconds < 120) return `${seconds.toFixed(seconds < 10 ? 1 : 0)} s old`;
+  return seconds < 7200 ? `${(seconds / 60).toFixed(0)} min old` : `${(seconds / 3600).toFixed(1)} h old`;
+}
+
 const metres = (value) => (Math.abs(value) < 0.0005 ? 0 : value).toFixed(2);
 function bytes(n) {
   if (n >= 1e9) return `${(n / 1e9).toFixed(2)} GB`;
@@ -82,7 +93,9 @@ const words = (name) => name.replaceAll("_", " ");
 
 async function showStatus() {
   const status = await ask("api/v1/status");
-  const list = [["Products", status.products], ["Stored", bytes(status.payload_bytes)], ["Mission time", time(status.now_ns)]];
+  missionNs = status.now_ns;
+  const list = [["Products", status.products], ["Stored", bytes(status.payload_bytes)], ["Mission time", time(status.now_ns)],
+    ["Newest data", age(status.newest_t1_ns)]];
   if (status.mission) list.unshift(["Mission", status.mission]);
   byId("summary").replaceChildren(...list.map(([name, value]) =>
     make("div", null, make("dt", null, name), make("dd", null, String(value)))));
@@ -95,7 +108,14 @@ async function showStatus() {
   if (first.value === asked.type && maps !== "") asked.type = maps;
   first.value = maps;
   options("robot", Object.keys(status.by_robot));
+  showServices(status.health);
   showStreams(status.overview ? status.overview.streams : []);
+}
+
+function showServices(services) {
+  byId("services-section").hidden = services.length === 0;
+  byId("services").tBodies[0].replaceChildren(...services.map((service) => make("tr", null, ...[
+    badge(service.health), words(service.service), service.scope, age(service.newest_t1_ns), service.text].map((cell) => make("td", null, cell)))));
 }
 
 /** A row of a sensor stream: rate against the stated one, stamp against mission time, gaps, frame, faults. */
@@ -128,7 +148,7 @@ function robotCard(robot) {
     const yaw = (Math.atan2(T[1][0], T[0][0]) * 180) / Math.PI;
     const sigma = robot.pose.covariance ? ` ± ${metres(Math.sqrt(robot.pose.covariance[0][0] + robot.pose.covariance[1][1]))} m` : "";
     card.append(make("p", null,
-      `x ${metres(T[0][3])}  y ${metres(T[1][3])}  z ${metres(T[2][3])} m${sigma}, heading ${yaw.toFixed(1)}° in ${robot.pose.parent}, ${time(robot.pose.stamp_ns)}`));
+      `x ${metres(T[0][3])}  y ${metres(T[1][3])}  z ${metres(T[2][3])} m${sigma}, heading ${yaw.toFixed(1)}° in ${robot.pose.parent}, ${time(robot.pose.stamp_ns)}, ${age(robot.pose.stamp_ns)}`));
   } else {
     card.append(make("p", { title: robot.pose_missing }, "No pose known yet."));
   }
@@ -339,8 +359,8 @@ async function loadProductTypes() {
 
 async function refresh() {
   if (productTypes.size === 0) await loadProductTypes().catch(() => {});
-  const others = [showAlarms(), showRobots(), showRequests(), showFrames()];
   await showStatus().catch(() => live("lost", "No answer, trying again …"));
+  const others = [showAlarms(), showRobots(), showRequests(), showFrames()];
   if (items.length <= PAGE) others.push(showProducts(false));
   await Promise.allSettled(others);
 }

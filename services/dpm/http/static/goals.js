@@ -8,10 +8,11 @@ const ENDED = new Set(["done", "failed", "cancelled", "missed"]);
 /** Ended requests that are drawn, the newest ones. */
 const MOST_ENDED = 20;
 
-/** The newest transform T_map_frame of a frame. */
-async function transformOf(frame, mapFrame) {
+/** The transform T_map_frame of a frame at a mission time, or the newest one. */
+async function transformOf(frame, mapFrame, timeMs) {
   if (frame === mapFrame) return [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]];
-  const query = new URLSearchParams({ robot: frame.split("/")[0], frame: mapFrame, child: frame, newest: true });
+  const when = timeMs === null ? { newest: true } : { t: new Date(timeMs).toISOString() };
+  const query = new URLSearchParams({ robot: frame.split("/")[0], frame: mapFrame, child: frame, ...when });
   const { items } = await ask(`api/v1/poses?${query}`);
   return items[0].T;
 }
@@ -34,19 +35,36 @@ function outlineOf(region) {
   }
 }
 
+/** Milliseconds of a mission time in nanoseconds, which may be unknown. */
+const milliseconds = (ns) => (ns === null || ns === undefined ? null : Number(BigInt(ns) / 1000n) / 1000);
+
+/** Whether a request had been made at a mission time; without a time, and if its time is unknown, it had. */
+const isPresent = (job, timeMs) => timeMs === null || (milliseconds(job.opened_ns) ?? timeMs) <= timeMs;
+
+/** State of a request at a mission time: "open" before its end. */
+function stateAt(job, timeMs) {
+  const endMs = milliseconds(job.ended_ns);
+  return timeMs !== null && endMs !== null && endMs > timeMs ? "open" : job.state;
+}
+
+/** The goals of a mission time with their states at that time. */
+const goalsAt = (goals, timeMs) => goals.filter(({ job }) => isPresent(job, timeMs))
+  .map((goal) => ({ ...goal, state: stateAt(goal.job, timeMs) }));
+
 /** Read the goals of requests whose region lies in a frame that is connected to the map's. */
-async function readGoals(mapFrame) {
+async function readGoals(mapFrame, timeMs) {
   const answer = await ask("api/v1/requests").catch(() => ({}));
   const jobs = [...(answer.scheduled || []), ...(answer.jobs || [])].filter((job) => job.request?.region);
-  const ended = jobs.filter((job) => ENDED.has(job.state)).slice(0, MOST_ENDED);
-  const goals = await Promise.all(jobs.filter((job) => !ENDED.has(job.state) || ended.includes(job)).map(async (job) => {
+  const present = jobs.filter((job) => isPresent(job, timeMs));
+  const ended = present.filter((job) => ENDED.has(stateAt(job, timeMs))).slice(0, MOST_ENDED);
+  const goals = await Promise.all(present.filter((job) => !ENDED.has(stateAt(job, timeMs)) || ended.includes(job)).map(async (job) => {
     const outline = outlineOf(job.request.region);
     if (!outline) return null;
     const frame = outline.frame || job.request.region_frame || job.request.frame || "site";
-    const T = await transformOf(frame, mapFrame).catch(() => null);
+    const T = await transformOf(frame, mapFrame, timeMs).catch(() => null);
     if (!T) return null;
     const corners = outline.corners.map(([x, y]) => [0, 1].map((row) => T[row][0] * x + T[row][1] * y + T[row][3]));
-    return { ...outline, corners, state: job.state, text: `${words(job.request.type || "?")} of ${job.request.robot || "any"}` };
+    return { ...outline, corners, job, text: `${words(job.request.type || "?")} of ${job.request.robot || "any"}` };
   }));
   return goals.filter((goal) => goal !== null);
 }

@@ -10,6 +10,8 @@ const [MOST_POSES, MOST_OUTLINES, SIGMAS] = [2000, 200, 3];
 const MOST_STATES = 200;
 /** Pause before the overlay of a frame is read again. */
 const PAUSE_MS = 1000;
+/** Pause after a movement of the slider, after which it is read for another time. */
+const SLIDER_PAUSE_MS = 250;
 const overlay = { robots: [], tracks: [], outlines: [], goals: [], north: null, read: 0, span: null };
 
 function shape(name, attributes, ...children) {
@@ -38,20 +40,22 @@ async function readOverlay() {
   const mine = overlay.read += 1;
   const frame = encodeURIComponent(map.frame);
   const part = (path) => ask(path).catch(() => null);
+  const until = map.timeMs === null ? "" : `&datetime=../${new Date(map.timeMs).toISOString()}`;
   const [known, place, tracked, goals] = await Promise.all([part("api/v1/robots"), part(`api/v1/places/${frame}`),
-    part(`api/v1/tracks?limit=${MOST_STATES}&position_frame=${frame}`), readGoals(map.frame)]);
+    part(`api/v1/tracks?limit=${MOST_STATES}&position_frame=${frame}`), readGoals(map.frame, map.timeMs)]);
   const robots = await Promise.all((known?.items || []).map(async ({ id }) => {
     const series = await part(`api/v1/poses?robot=${encodeURIComponent(id)}&frame=${frame}&limit=${MOST_POSES}&thin=true`);
     return { id, poses: series?.items || [] };
   }));
   const filter = encodeURIComponent(`frame = '${map.frame}'`);
-  const items = await part(`ogc/collections/${layer().product}/items?limit=${MOST_OUTLINES}&filter=${filter}&properties=outline_m&skipGeometry=true`);
+  const items = await part(`ogc/collections/${layer().product}/items?limit=${MOST_OUTLINES}&filter=${filter}&properties=outline_m,t1&skipGeometry=true${until}`);
   if (mine !== overlay.read) return;
   overlay.robots = robots.filter(({ poses }) => poses.length);
   overlay.north = place?.anchor ? place.anchor.azimuth_deg : null;
   overlay.tracks = tracked?.items || [];
   overlay.goals = goals;
-  overlay.outlines = (items?.features || []).map((feature) => feature.properties.outline_m).filter(Boolean).flatMap(rings);
+  overlay.outlines = (items?.features || []).map(({ properties }) => properties).filter(({ outline_m: wkt }) => wkt)
+    .map(({ outline_m: wkt, t1 }) => ({ rings: rings(wkt), endMs: Date.parse(t1) }));
   drawOverlay();
 }
 
@@ -118,8 +122,11 @@ function drawOverlay() {
     view().append(svg);
   }
   svg.replaceChildren();
-  if (byId("map-outlines").checked) for (const ring of overlay.outlines) svg.append(shape("polygon", { class: "outline", points: line(ring) }));
-  for (const goal of overlay.goals) drawGoal(svg, goal);
+  if (byId("map-outlines").checked) {
+    const captured = overlay.outlines.filter(({ endMs }) => map.timeMs === null || endMs <= map.timeMs);
+    for (const ring of captured.flatMap((outline) => outline.rings)) svg.append(shape("polygon", { class: "outline", points: line(ring) }));
+  }
+  for (const goal of goalsAt(overlay.goals, map.timeMs)) drawGoal(svg, goal);
   for (const track of overlay.tracks) drawTrack(svg, track);
   for (const robot of overlay.robots) drawRobot(svg, robot);
   drawScale(svg);
@@ -159,7 +166,13 @@ function showTime() {
   slider.setAttribute("aria-valuetext", text);
 }
 
-byId("map-time").addEventListener("input", () => { showTime(); draw(); });
+byId("map-time").addEventListener("input", () => {
+  showTime();
+  draw();
+  // Outlines and goals that are not among those that were read.
+  clearTimeout(overlay.timer);
+  overlay.timer = setTimeout(() => untilAnswered(readOverlay), SLIDER_PAUSE_MS);
+});
 byId("map-outlines").addEventListener("change", drawOverlay);
 document.addEventListener("map-drawn", () => { drawLegend(); drawOverlay(); });
 document.addEventListener("map-read", (event) => {

@@ -72,6 +72,7 @@ HEADERS: dict[str, Change] = {
     "inputs that are paths": lambda h: h | {"inputs": ["../../etc/shadow"]},
     "too many inputs": lambda h: h | {"inputs": ["a"] * 10_001},
     "inputs that are a number": lambda h: h | {"inputs": 3},
+    "inputs that are a text": lambda h: h | {"inputs": "abc"},
     "a too long producer": lambda h: h | {"producer": "x" * 10_000},
     "a producer with control characters": lambda h: h | {"producer": "a\r\nSet-Cookie: b"},
     "a cell size of zero": lambda h: h | {"resolution_m": 0.0},

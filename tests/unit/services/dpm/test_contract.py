@@ -2,11 +2,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """All operations of the OpenAPI document with generated requests: every answer is documented, none is 5xx.
 
-The fast tests send few requests per operation, the slow ones many, also in sequences.
+The fast tests send few requests per operation, the slow ones more, also in sequences; ``python -m evaluation
+http_contract`` sends many.
 """
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -17,6 +19,14 @@ pytest.importorskip("schemathesis", reason="schemathesis is not installed")
 from evaluation.runs import http_contract
 
 OPERATIONS = http_contract.operations()
+#: Largest CPU time of all tests of this file, seconds.
+MAX_CPU_S = 180.0
+
+
+@pytest.fixture(scope="module", autouse=True)
+def start_cpu_s() -> float:
+    """CPU time of this process before the first test of this file, seconds."""
+    return time.process_time()
 
 
 @pytest.fixture(scope="module")
@@ -35,11 +45,16 @@ def test_every_operation_conforms_to_its_openapi_document(document: Any, method:
 @pytest.mark.slow
 @pytest.mark.parametrize(("method", "path"), OPERATIONS)
 def test_generated_requests_conform_to_the_openapi_document(document: Any, method: str, path: str) -> None:
-    http_contract.check_operation(document, method, path, 50)
+    http_contract.check_operation(document, method, path, 20)
 
 
 @pytest.mark.slow
 def test_sequences_of_requests_conform_to_the_openapi_document(tmp_path: Path) -> None:
-    answers = http_contract.check_sequences(tmp_path, count=60, steps=12)
+    answers = http_contract.check_sequences(tmp_path, count=30, steps=12)
     followed = [label for label, by_status in answers.items() if "{" in label and by_status[200]]
     assert len(followed) >= 8, answers
+
+
+@pytest.mark.slow
+def test_the_requests_of_this_file_take_at_most_three_minutes_of_cpu(start_cpu_s: float) -> None:
+    assert time.process_time() - start_cpu_s < MAX_CPU_S

@@ -73,6 +73,20 @@ def test_events_are_streamed_in_order(dpm: Dpm, port: int) -> None:
     reader.close()
 
 
+def test_a_field_of_an_event_with_the_name_of_an_attribute_is_not_lost(dpm: Dpm, port: int) -> None:
+    reader = Reader(port)
+    dpm.frames.define_body({"name": "bennu", "kind": "asteroid", "radii_m": [252.8, 246.0, 228.7]}, "test")
+    number, kind, body = reader.event()
+    assert (kind, body["kind"], body["body_kind"]) == ("body_defined", "body_defined", "asteroid")
+    (listed,) = dpm.reports.history(number - 1, 10)["items"]
+    assert (listed["ordinal"], listed["kind"], listed["body_kind"]) == (number, "body_defined", "asteroid")
+    dpm.writer.record("mana", "alarm", {"scope": "lidar", "stamp_ns": 7, "kind": "alarm"})
+    _, _, body = reader.event()
+    assert (body["scope"], body["body_scope"], body["body_stamp_ns"]) == ("mana", "lidar", "7")
+    assert "body_kind" not in body
+    reader.close()
+
+
 @pytest.mark.req("CDFF-SUP-164")
 def test_a_reconnected_reader_receives_each_event_exactly_once(dpm: Dpm, port: int) -> None:
     reader = Reader(port, 0)

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+from cdff_common.clock import ManualClock
 from cdff_common.errors import (
     ConflictError,
     InputError,
@@ -21,6 +22,7 @@ from cdff_common.errors import (
     StorageError,
     UnavailableError,
 )
+from cdff_core.orchestration.journal import recover
 from cdff_core.orchestration.lifecycle import JobState
 from cdff_core.orchestration.request import ProductRequest
 from services.orchestrator.jobs import JobRegistry
@@ -152,6 +154,24 @@ def test_open_jobs_are_listed_without_ended_ones(journal: Journal) -> None:
     assert [j["job"] for j in registry.listed({"mana"}, 9, only_open=True)] == [second.id, first.id]
     assert [j["job"] for j in registry.listed({"mana"}, 1, only_open=True)] == [second.id]
     assert registry.listed({"minnie"}, 9, only_open=True) == []
+
+
+def test_jobs_state_the_mission_times_of_their_start_and_end_also_after_a_restart(tmp_path: Path) -> None:
+    clock = ManualClock(1000)
+    journal = Journal(tmp_path / "mission.jsonl", clock)
+    registry = JobRegistry(journal, capacity=3)
+    ended, running = (registry.open(request(name)) for name in ("a", "b"))
+    clock.set_ns(2000)
+    registry.move(ended, JobState.FAILED, "because")
+    registry.move(running, JobState.LOOKING)
+    times = {job["job"]: (job["opened_ns"], job["ended_ns"]) for job in registry.listed({"mana"}, 9)}
+    assert times == {ended.id: (1000, 2000), running.id: (1000, None)}
+    recovered = recover(journal.records())
+    jobs = [*recovered.ended, *recovered.interrupted_jobs("restarted")]
+    assert {job["job"]: (job["opened_ns"], job["ended_ns"]) for job in jobs} == times | {
+        running.id: (1000, 2000)  # nothing is known of it after its last record
+    }
+    journal.close()
 
 
 @pytest.mark.req("CDFF-SUP-072")
