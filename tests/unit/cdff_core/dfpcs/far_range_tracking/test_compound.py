@@ -59,8 +59,8 @@ def run(dfpc, scene: DistantScene, count: int, first: int = 0) -> list[list[Outp
 
 
 def test_a_moving_body_is_followed_and_the_ground_is_not() -> None:
-    scene = DistantScene([Body((50.0, 80.0), (2.3, 0.4))])
-    steps = run(compound(), scene, 40)
+    scene, dfpc = DistantScene([Body((50.0, 80.0), (2.3, 0.4))]), compound()
+    steps = run(dfpc, scene, 40)
     numbers = {o.value.metadata.track_id for outputs in steps for o in tracks(outputs)}
     assert numbers == {1}
     errors = []
@@ -82,6 +82,11 @@ def test_a_moving_body_is_followed_and_the_ground_is_not() -> None:
     assert detections.detections[0].image_box == pytest.approx(
         [*(scene.bodies[0].place(39) - [10.0, 7.0]), 20.0, 14.0], abs=1.5
     )
+    # The registration of the next image leaves out the body with 3 pixels around it.
+    rows, columns = np.nonzero(dfpc._tracks.occupied((CAMERA.rows, CAMERA.cols)))
+    extent = [columns.min(), rows.min(), columns.max(), rows.max()]
+    place, half = scene.bodies[0].place(39), np.array([13.0, 10.0])
+    assert extent == pytest.approx([*(place - half), *(place + half)], abs=3.0)
 
 
 def test_an_empty_scene_and_noise_give_no_track() -> None:
