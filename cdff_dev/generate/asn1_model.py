@@ -80,14 +80,28 @@ class TypeModel:
 @cache
 def type_models() -> dict[str, TypeModel]:
     """Return the models of all types of ``cdff_common/asn1`` by name, each after those to which it refers."""
-    return ModelReader(asn1_files()).types
+    return model_reader().types
+
+
+@cache
+def model_reader() -> ModelReader:
+    """Return the reader of the files of ``cdff_common/asn1``."""
+    return ModelReader(asn1_files())
 
 
 class ModelReader:
-    """Reader of ASN.1 files; ``types`` has the models by name, each after those to which it refers."""
+    """Reader of ASN.1 files.
+
+    Attributes
+    ----------
+    types : dict
+        Models by name, each after those to which it refers.
+    declarations : dict
+        Declaration of each type as asn1tools parses it, stem of its file, and its ASN.1 module.
+    """
 
     def __init__(self, files: list[Path]) -> None:
-        self._types: dict[str, tuple[dict[str, Any], str, str]] = {}
+        self.declarations: dict[str, tuple[dict[str, Any], str, str]] = {}
         self._values: dict[str, int] = {}
         self._versions: dict[str, int] = {}
         self._comments: dict[str, tuple[str, dict[str, str]]] = {}
@@ -101,19 +115,23 @@ class ModelReader:
                     if name.lower().endswith("-version"):
                         self._versions[module] = value["value"]
                 for name, declaration in content["types"].items():
-                    if name in self._types:
+                    if name in self.declarations:
                         raise ValueError(f"{path.name}: type {name} is declared twice")
-                    self._types[name] = (declaration, path.stem, module)
-        for name in self._types:
+                    self.declarations[name] = (declaration, path.stem, module)
+        for name in self.declarations:
             self._model(name)
-        for name in self._types:
+        for name in self.declarations:
             if base := self._base(name):
                 self._link_variants(self.types[base], self.types[name])
+
+    def node(self, name: str) -> Node:
+        """Return the node of a named type, also of one without a class."""
+        return self._reference(name)
 
     def _base(self, name: str) -> str:
         """Return the name of the type of which ``name`` is the large variant, or an empty string."""
         base = name.removesuffix(_LARGE_SUFFIX)
-        return base if base != name and base in self._types else ""
+        return base if base != name and base in self.declarations else ""
 
     @staticmethod
     def _link_variants(base: TypeModel, large: TypeModel) -> None:
@@ -150,7 +168,7 @@ class ModelReader:
         """Return the model of a named type; None for numbers, text and bytes, which have no class."""
         if name in self.types:
             return self.types[name]
-        declaration, module, asn1_module = self._types[name]
+        declaration, module, asn1_module = self.declarations[name]
         kind = declaration["type"]
         comment, comments = self._comments.get(name, ("", {}))
         model = TypeModel(
@@ -180,7 +198,7 @@ class ModelReader:
     def _node(self, declaration: dict[str, Any], owner: str) -> Node:
         """Return the node of a declaration; references to other types are resolved."""
         kind = declaration["type"]
-        if kind in self._types:
+        if kind in self.declarations:
             return self._reference(kind)
         if kind == "REAL":
             return Real()
@@ -200,14 +218,16 @@ class ModelReader:
     def _reference(self, name: str) -> Node:
         """Return the node of a named type; structures and enumerations become types of their own."""
         if name == "T-String":
-            return Text(self._bounds(self._types[name][0])[1])
+            return Text(self._bounds(self.declarations[name][0])[1])
         typed = _TYPED_ARRAY.match(name)
         if typed:
             code = {"UInt": "u", "Int": "i", "Float": "f"}[typed[1]]
             return OctetString(
-                self._bounds(self._types[name][0])[1], f"<{code}{int(typed[2]) // 8}", int(typed[3] or 0)
+                self._bounds(self.declarations[name][0])[1],
+                f"<{code}{int(typed[2]) // 8}",
+                int(typed[3] or 0),
             )
-        declaration = self._types[name][0]
+        declaration = self.declarations[name][0]
         if declaration["type"] in ("SEQUENCE", "ENUMERATED"):
             model = self._model(name)
             if model is None or isinstance(model.node, Alias):
@@ -219,7 +239,7 @@ class ModelReader:
         """Return the node of a SEQUENCE OF: an array if its elements are numbers, otherwise a list."""
         element = self._node(declaration["element"], owner)
         low, high = self._bounds(declaration)
-        named = declaration["element"]["type"] in self._types
+        named = declaration["element"]["type"] in self.declarations
         tag = declaration["element"]["type"].replace(" ", "_")
         if isinstance(element, Real | Integer | Boolean):
             return Array(element, ((low, high),), (tag,))
@@ -237,5 +257,5 @@ class ModelReader:
             ),
         )
         comment = f"Value of ``{declaration['name']}`` of a ``{class_name(owner)}``: one of several kinds."
-        self.types[name] = TypeModel(name, node.class_name, self._types[owner][1], node, comment, {})
+        self.types[name] = TypeModel(name, node.class_name, self.declarations[owner][1], node, comment, {})
         return node

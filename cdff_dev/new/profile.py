@@ -20,7 +20,7 @@ from cdff_dev.logs.timing import timing
 from cdff_dev.new.mounts import CameraMounts, edge_line
 
 #: Kind of the sensor of a stream, by its ASN.1 type.
-_KINDS = {
+KINDS = {
     "FramePair": "stereo_camera",
     "Frame": "camera",
     "LidarScan": "lidar",
@@ -30,7 +30,7 @@ _KINDS = {
 #: Rotation of a level camera that looks ahead: x right, y down, z forward.
 CAMERA_AXES = se3.transform(se3.matrix_from_quaternion_xyzw([-0.5, 0.5, -0.5, 0.5]), np.zeros(3))
 _HEADER = """\
-# Written by `cdff new profile` from {source}.
+# Written by `{command}` from {source}.
 # Enter the values that it does not contain: the mounts of the sensors (frames), the limits of the rover,
 # and the noise of the sensors (parameters). Mounts from a drive:
 # cdff calibrate extrinsics LOG --profile FILE --write
@@ -109,7 +109,13 @@ class RobotDraft:
     cameras: CameraMounts | None = None
 
 
-def profile_text(robots: Sequence[RobotDraft], source: str, name: str, body: str = "mars") -> str:
+def profile_text(
+    robots: Sequence[RobotDraft],
+    source: str,
+    name: str,
+    body: str = "mars",
+    command: str = "cdff new profile",
+) -> str:
     """Return a profile as YAML.
 
     Parameters
@@ -118,8 +124,10 @@ def profile_text(robots: Sequence[RobotDraft], source: str, name: str, body: str
         Origin of the drafts, for the comment.
     name, body : str
         Name of the profile, and body of the mission.
+    command : str
+        Command that writes it, for the comment.
     """
-    lines = [*_HEADER.format(source=source).splitlines(), f"name: {name}"]
+    lines = [*_HEADER.format(source=source, command=command).splitlines(), f"name: {name}"]
     lines += [f"doc: Robots of {Path(source).name}."]
     lines += ["# Body of the mission, e.g. moon, mars, earth.", f"body: {{name: {body}}}", "robots:"]
     for robot in robots:
@@ -176,7 +184,7 @@ def _robots(log: LogSource) -> dict[str, list[SensorDraft]]:
         times = timing(log.stamps_ns(first))
         rate_hz = times.mean_rate_hz if times.has_bursts else times.rate_hz
         types = {item: log.streams[stream].type_name for stream, item in items.items()}
-        kind = "other" if is_fix(first) else _KINDS.get(info.type_name, "other")
+        kind = "other" if is_fix(first) else KINDS.get(info.type_name, "other")
         if is_fix(first):
             frame = _child(log, first) or f"{robot}/base"
             draft = SensorDraft(sensor, kind, frame, types, rate_hz, local_frame=_frame(log, first))
