@@ -37,6 +37,7 @@ EXTRAS = {
     ],
     "logs": ["google", "lz4", "mcap", "pye57", "rosbags", "velodyne_decoder"],
     "parquet": ["pyarrow"],
+    "gateways-dds": ["cyclonedds"],
     "plot": ["matplotlib"],
     "simulate": ["astronomy", "open3d"],
     "view": ["foxglove", "rerun", "rerun_cli"],

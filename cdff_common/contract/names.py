@@ -4,12 +4,17 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 #: Scope of the services that serve every robot.
 GROUND = "ground"
 #: Value of ``robot=`` for every robot.
 ANY_ROBOT = "any"
 #: Scopes that cannot be a robot id.
 RESERVED_SCOPES = frozenset({GROUND, ANY_ROBOT})
+
+#: Services that connect the robots of other frameworks.
+GatewayName = Literal["gateway_dds", "gateway_ros1", "gateway_ros2", "gateway_rock", "gateway_yarp"]
 
 #: Names in a profile: robots, sensors, streams, modes, bodies.
 NAME = r"[a-z][a-z0-9_]{0,63}"

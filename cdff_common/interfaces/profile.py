@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, NonNegativeFloat, PositiveFloat, PositiveInt, ValidationInfo, model_validator
 
-from cdff_common.contract.names import GROUND, NAME, RESERVED_SCOPES, ROBOT_ID
+from cdff_common.contract.names import GROUND, NAME, RESERVED_SCOPES, ROBOT_ID, GatewayName
 from cdff_common.contract.wiring import WIRING, Wiring, mode_names
 from cdff_common.errors import ConfigurationError
 from cdff_common.geometry import FrameGraph, UncertainTransform, rotation_forms, se3
@@ -207,7 +207,7 @@ class Robot(StrictModel):
     power_w_per_core: NonNegativeFloat = 0.0
     dfpcs: tuple[DfpcEntry, ...] = ()
     urdf: str = ""
-    gateways: dict[Literal["gateway_ros1", "gateway_ros2", "gateway_rock", "gateway_yarp"], str] = {}
+    gateways: dict[GatewayName, str] = {}
 
     @model_validator(mode="after")
     def _names_are_wired(self, info: ValidationInfo) -> Robot:

@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from cdff_common.command_table import SUMMARIES
 from cdff_common.errors import CdffError, InputError
 
 if TYPE_CHECKING:
@@ -26,15 +27,15 @@ def register(nouns: Any) -> None:
     """Add the parser of ``cdff generate``."""
     parser = nouns.add_parser(
         "generate",
-        help="generate files from descriptions: types, interfaces, skeletons, reference pages",
+        help=SUMMARIES["generate"],
         description="Generated files are overwritten. Implementations and tests are written only if they "
         "do not exist.",
     )
     parser.add_argument(
         "group",
         nargs="*",
-        help="types, interfaces, skeletons, profile, reference or traceability (default: all); or genom3 NAME "
-        "or taste NAME: the interface of a DFPC for that framework",
+        help="types, interfaces, skeletons, profile, reference or traceability (default: all); or "
+        "genom3 NAME or taste NAME: the interface of a DFPC for that framework",
     )
     parser.add_argument(
         "--out", type=Path, default=None, help="with genom3 and taste: folder of the files (default: here)"

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Component of GenoM3 from the description of a DFPC.
 
-Ports have the type ``asn1::bitstream`` of the package ``infuse-idl``, as in the components of LAAS for InFuse.
-The ROS template of GenoM3 publishes them as ``infuse_msgs/asn1_bitstream``, which the gateway to ROS 1 reads
+Ports have the type ``asn1::bitstream`` of the package ``infuse-idl``, as in the components of LAAS for
+InFuse. The ROS template of GenoM3 publishes them as ``infuse_msgs/asn1_bitstream``, which the gateway to ROS 1 reads
 and writes.
 """
 

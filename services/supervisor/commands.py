@@ -20,6 +20,7 @@ SERVICES = (
     "orchestrator",
     "icu",
     "map_merging",
+    "gateway_dds",
     "gateway_ros1",
     "gateway_ros2",
     "gateway_rock",
