@@ -3,9 +3,11 @@
 """Run the tests in two parts: tests that start processes, and tests that only compute.
 
 Tests that start processes run one by one, because they wait for services within time limits. Tests that only
-compute run in parallel at the lowest priority, at the same time in the remaining processor time; the output
-of the others is printed when they have ended. With ``--slow`` they run afterwards: both at once make services
-miss their time limits on a slow machine.
+compute run in parallel at the same time, in the remaining processor time; the output of the others is printed
+when they have ended. Linux shares the processors among sessions first, and the services under test run in
+sessions of their own. The tests that only compute therefore run in a session of the lowest priority until
+the others have ended. Tests with processes that failed run once more when nothing else runs: on a slow machine
+services may miss their time limits while others compute. They are listed, and fail if they fail again.
 
 ``run_tests.py`` runs the tests that are not marked slow or soak, ``run_tests.py --slow`` the slow ones too,
 ``run_tests.py --soak`` only the soak tests; further arguments go to pytest.
@@ -15,10 +17,12 @@ from __future__ import annotations
 
 import argparse
 import os
+import signal
 import subprocess
 import sys
 import time
 from collections.abc import Iterable
+from contextlib import suppress
 from pathlib import Path
 from typing import IO
 from xml.etree import ElementTree
@@ -30,6 +34,8 @@ PROCESSES = "integration or e2e"
 #: Folders without tests that start processes, which need not be collected for these.
 COMPUTE_ONLY = [f"--ignore=tests/{folder}" for folder in ("contract", "golden", "interop", "unit")]
 LOWEST_PRIORITY = 19
+#: Exit code of pytest if tests have failed, and largest number of tests that run once more.
+TESTS_FAILED, MOST_REPEATED = 1, 10
 
 
 def main() -> int:
@@ -39,6 +45,7 @@ def main() -> int:
     parser.add_argument("--soak", action="store_true", help="only the tests marked soak")
     parser.add_argument("--workers", default="2", help="processes for the computing part")
     args, pytest_arguments = parser.parse_known_args()
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
     BUILD.mkdir(exist_ok=True)
     (BUILD / "traceability.json").unlink(missing_ok=True)
     selected = "soak" if args.soak else "not soak" if args.slow else "not soak and not slow"
@@ -48,10 +55,8 @@ def main() -> int:
         processes = _start(
             "processes",
             ["-m", f"({PROCESSES}) and {selected}", "-p", "no:xdist", *COMPUTE_ONLY, *pytest_arguments],
-            stdout=None if args.slow else log,
+            stdout=log,
         )
-        if args.slow:
-            processes.wait()
         compute = _start(
             "compute",
             [
@@ -63,11 +68,28 @@ def main() -> int:
                 "loadfile",
                 *pytest_arguments,
             ],
-            priority=LOWEST_PRIORITY,
+            start_new_session=True,
         )
-        codes = [compute.wait(), processes.wait()]
+        try:
+            os.setpriority(os.PRIO_PROCESS, compute.pid, LOWEST_PRIORITY)  # its workers inherit the priority
+            _set_session_priority(compute.pid, LOWEST_PRIORITY)
+            code = processes.wait()
+            _set_session_priority(compute.pid, 0)
+            codes = [compute.wait(), code]
+        finally:
+            processes.terminate()  # no effect on a process that has ended
+            with suppress(ProcessLookupError):  # a signal to this process does not reach another session
+                os.killpg(compute.pid, signal.SIGTERM)
     print(output.read_text(encoding="utf-8", errors="replace"))
     counts = _counts(BUILD / f"junit-{name}.xml" for name in ("compute", "processes"))
+    failed = _failed(BUILD / "junit-processes.xml")
+    if code == TESTS_FAILED and 0 < len(failed) <= MOST_REPEATED:
+        print(
+            f"\n==== {len(failed)} tests with processes run once more, alone: {', '.join(failed)}", flush=True
+        )
+        codes[1] = _start("repeated", ["-p", "no:xdist", *failed]).wait()
+        passed = _counts([BUILD / "junit-repeated.xml"])["passed"]
+        counts["failed"], counts["passed"] = counts["failed"] - passed, counts["passed"] + passed
     seconds = time.monotonic() - started
     words = [f"{counts[word]} {word}" for word in ("failed", "passed", "skipped", "errors") if counts[word]]
     print(f"\n==== {', '.join(words) or 'no tests ran'} in {seconds:.2f}s ====")
@@ -75,18 +97,36 @@ def main() -> int:
 
 
 def _start(
-    name: str, arguments: list[str], stdout: IO[bytes] | None = None, priority: int = 0
+    name: str, arguments: list[str], stdout: IO[bytes] | None = None, start_new_session: bool = False
 ) -> subprocess.Popen[bytes]:
     """Start pytest; threads are limited, because the processes already use all cores."""
     caps = {f"{library}_NUM_THREADS": "1" for library in ("OMP", "OPENBLAS", "MKL", "NUMBA")}
     report = BUILD / f"junit-{name}.xml"
     report.unlink(missing_ok=True)
     command = [sys.executable, "-m", "pytest", f"--junitxml={report}", *arguments]
-    process = subprocess.Popen(
-        command, cwd=ROOT, env=caps | os.environ, stdin=subprocess.DEVNULL, stdout=stdout
+    return subprocess.Popen(
+        command,
+        cwd=ROOT,
+        env=caps | os.environ,
+        stdin=subprocess.DEVNULL,
+        stdout=stdout,
+        start_new_session=start_new_session,
     )
-    os.setpriority(os.PRIO_PROCESS, process.pid, priority)  # inherited by the workers that it starts
-    return process
+
+
+def _set_session_priority(pid: int, nice: int) -> None:
+    """Set the priority of the session of a process, if Linux groups processes by sessions."""
+    with suppress(OSError):
+        Path(f"/proc/{pid}/autogroup").write_text(str(nice), encoding="ascii")
+
+
+def _failed(report: Path) -> list[str]:
+    """Return the node ids of the tests of a report that failed or had an error."""
+    if not report.is_file():
+        return []
+    cases = ElementTree.parse(report).getroot().iter("testcase")
+    failed = [c for c in cases if c.find("failure") is not None or c.find("error") is not None]
+    return [f"{c.get('classname', '').replace('.', '/')}.py::{c.get('name')}" for c in failed]
 
 
 def _counts(reports: Iterable[Path]) -> dict[str, int]:

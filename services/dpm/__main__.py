@@ -70,6 +70,7 @@ def run_dpm(settings: Settings, stop: threading.Event) -> None:
         bus.synchronise(clock)
         dpm = Dpm(store, settings.max_body_bytes)
         watch.on_commit = dpm.events.publish
+        dpm.events.listen(dpm.alarm_board.follow)
         add_check(watch.problem)
         add_check(lambda: "; ".join(filter(None, (dpm.loops.problem(), bus.loops.problem()))))
         check = memory_check(dpm.alarms, "dpm", memory_budget_mb())

@@ -49,8 +49,10 @@ odometry.header.frame_id, odometry.child_frame_id = "odom", "base_link"
 odometry.pose.pose.position.x = 1.5
 odometry.pose.pose.orientation.w = 1.0
 
-end = time.monotonic() + limit_s
-while time.monotonic() < end and not (len(poses) >= 3 and maps):
+end, rounds = time.monotonic() + limit_s, 0
+while time.monotonic() < end and not (len(poses) >= 3 and maps and rounds >= 3):
+    # Counted from when the gateway has subscribed to all topics: messages before are not delivered.
+    rounds += all(publisher.get_subscription_count() for publisher in (imus, clouds, odometries))
     for message, publisher in ((imu, imus), (cloud, clouds), (odometry, odometries)):
         message.header.stamp = node.get_clock().now().to_msg()
         publisher.publish(message)

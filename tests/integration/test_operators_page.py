@@ -444,6 +444,84 @@ def test_an_alarm_appears_and_is_acknowledged(page: Browser, dpm: Dpm) -> None:
     page.eventually("document.getElementById('alarms-section').hidden")
 
 
+def test_goals_and_outlines_are_those_of_the_time_of_the_slider(page: Browser) -> None:
+    """The maps were captured at 1 s and 2 s; the slider is moved to 1.5 s."""
+    times = {"before": ("1000000000", "1200000000"), "during": ("1000000000", "1700000000")}
+    times |= {"after": ("1600000000", None), "standing": ("1400000000", None)}
+    jobs = [
+        {"job": name, "state": "done" if ended else "waiting", "opened_ns": opened, "ended_ns": ended}
+        | {"request": {"type": "dem", "robot": "mana", "region": "circle:1,1,1", "frame": "site"}}
+        for name, (opened, ended) in times.items()
+    ]
+    page.value(f"""(() => {{
+      window.realFetch = window.fetch;
+      window.fetch = async (path, options) => path === 'api/v1/requests'
+        ? new Response(JSON.stringify({{jobs: {json.dumps(jobs)}}}), {{ status: 200 }})
+        : window.realFetch(path, options);
+      look(26, 1, 17);
+      readOverlay();
+    }})()""")
+    states = "[...document.querySelectorAll('#map .goal')].map((g) => g.dataset.state).sort().join()"
+    outlines = "document.querySelectorAll('#map .outline').length"
+    move = (
+        "(v) => { const s = document.getElementById('map-time'); "
+        "s.value = v; s.dispatchEvent(new Event('input')); }"
+    )
+    try:
+        page.value("document.getElementById('map-outlines').click()")
+        page.eventually(f"{states} === 'done,done,waiting,waiting' && {outlines} === 2")
+        page.value(f"({move})(500)")
+        page.eventually(f"{states} === 'done,open,waiting' && {outlines} === 1")
+        page.value(f"({move})(1000)")
+        page.eventually(f"{states} === 'done,done,waiting,waiting' && {outlines} === 2")
+    finally:
+        page.value(
+            "document.getElementById('map-outlines').click(); window.fetch = window.realFetch; readOverlay()"
+        )
+    page.eventually("document.querySelectorAll('#map .goal').length === 0")
+
+
+def test_health_of_services_and_ages_of_data_are_shown(dpm: Dpm, tmp_path: Path) -> None:
+    """Services announce themselves on a real bus; mission time is 100 s, the last pose is of 2 s."""
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    newest = {"pose": {"product": "pose", "t1_ns": 97 * S, "status": "DEGRADED", "reasons": ["few_points"]}}
+    status = {"name": "lidar_slam", "robot": "mana", "state": "active", "newest_outputs": newest}
+    with (
+        Bus.open_router(endpoint),
+        Bus.open(endpoint, name="dpm") as bus,
+        Bus.open(endpoint, name="host") as host,
+    ):
+        profile = Profile(
+            name="page", robots=(RobotProfile(id="mana", dfpcs=[DfpcEntry(name="visual_slam", inputs={})]),)
+        )
+        monitor = ServiceMonitor(bus, dpm, profile.robots)
+        context = Context(dpm, Settings(dpm.store.directory, port=0), watch=monitor, profile=profile)
+        host.declare_alive("mana", "icu")
+        host.declare_alive("mana", "lidar_slam")
+        with HttpServer(context) as server, open_page(server.port, tmp_path / "browser") as browser:
+            rows = (
+                "[...document.querySelectorAll('#services tbody tr')].map((r) => "
+                "[...r.cells].map((c) => c.textContent).join('|')).join('\\n')"
+            )
+            expected = [
+                "good|icu|mana|–|runs",
+                "degraded|lidar slam|mana|3.0 s old|is active, with problems: pose degraded (few_points)",
+                "failed|visual slam|mana|–|has not started",
+            ]
+
+            def is_listed() -> bool:  # as a host does, which repeats its status
+                host.publish_map(keys.dfpc_status("mana", "lidar_slam"), status | {"last_error": ""})
+                return bool(browser.value(rows) == "\n".join(expected))
+
+            wait_until(is_listed, 30.0, "the table of services")
+            summary = "document.getElementById('summary').innerText"
+            assert "t = 100.00 s" in browser.value(summary)
+            assert "94 s old" in browser.value(summary)
+            browser.eventually("/ 98 s old/.test(document.getElementById('robots').innerText)")
+            host.withdraw_token(keys.alive("mana", "icu"))
+            browser.eventually(f"{rows}.includes('failed|icu|mana|–|does not run; it ended 0 s ago')")
+
+
 def test_a_new_product_appears_without_reloading(page: Browser, dpm: Dpm) -> None:
     page.value("look(1, 1, 17)")
     page.eventually(f"(async () => Math.abs(await {DRAWN_FRACTION} - 400 / 65536) < 1e-3)()")
@@ -608,84 +686,6 @@ def test_goals_of_requests_are_drawn_with_their_state_in_the_frame_of_the_map(pa
     finally:
         page.value("window.fetch = window.realFetch; readOverlay()")
     page.eventually("document.querySelectorAll('#map .goal').length === 0")
-
-
-def test_goals_and_outlines_are_those_of_the_time_of_the_slider(page: Browser) -> None:
-    """The maps were captured at 1 s and 2 s; the slider is moved to 1.5 s."""
-    times = {"before": ("1000000000", "1200000000"), "during": ("1000000000", "1700000000")}
-    times |= {"after": ("1600000000", None), "standing": ("1400000000", None)}
-    jobs = [
-        {"job": name, "state": "done" if ended else "waiting", "opened_ns": opened, "ended_ns": ended}
-        | {"request": {"type": "dem", "robot": "mana", "region": "circle:1,1,1", "frame": "site"}}
-        for name, (opened, ended) in times.items()
-    ]
-    page.value(f"""(() => {{
-      window.realFetch = window.fetch;
-      window.fetch = async (path, options) => path === 'api/v1/requests'
-        ? new Response(JSON.stringify({{jobs: {json.dumps(jobs)}}}), {{ status: 200 }})
-        : window.realFetch(path, options);
-      look(26, 1, 17);
-      readOverlay();
-    }})()""")
-    states = "[...document.querySelectorAll('#map .goal')].map((g) => g.dataset.state).sort().join()"
-    outlines = "document.querySelectorAll('#map .outline').length"
-    move = (
-        "(v) => { const s = document.getElementById('map-time'); "
-        "s.value = v; s.dispatchEvent(new Event('input')); }"
-    )
-    try:
-        page.value("document.getElementById('map-outlines').click()")
-        page.eventually(f"{states} === 'done,done,waiting,waiting' && {outlines} === 2")
-        page.value(f"({move})(500)")
-        page.eventually(f"{states} === 'done,open,waiting' && {outlines} === 1")
-        page.value(f"({move})(1000)")
-        page.eventually(f"{states} === 'done,done,waiting,waiting' && {outlines} === 2")
-    finally:
-        page.value(
-            "document.getElementById('map-outlines').click(); window.fetch = window.realFetch; readOverlay()"
-        )
-    page.eventually("document.querySelectorAll('#map .goal').length === 0")
-
-
-def test_health_of_services_and_ages_of_data_are_shown(dpm: Dpm, tmp_path: Path) -> None:
-    """Services announce themselves on a real bus; mission time is 100 s, the last pose is of 2 s."""
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
-    newest = {"pose": {"product": "pose", "t1_ns": 97 * S, "status": "DEGRADED", "reasons": ["few_points"]}}
-    status = {"name": "lidar_slam", "robot": "mana", "state": "active", "newest_outputs": newest}
-    with (
-        Bus.open_router(endpoint),
-        Bus.open(endpoint, name="dpm") as bus,
-        Bus.open(endpoint, name="host") as host,
-    ):
-        profile = Profile(
-            name="page", robots=(RobotProfile(id="mana", dfpcs=[DfpcEntry(name="visual_slam", inputs={})]),)
-        )
-        monitor = ServiceMonitor(bus, dpm, profile.robots)
-        context = Context(dpm, Settings(dpm.store.directory, port=0), watch=monitor, profile=profile)
-        host.declare_alive("mana", "icu")
-        host.declare_alive("mana", "lidar_slam")
-        with HttpServer(context) as server, open_page(server.port, tmp_path / "browser") as browser:
-            rows = (
-                "[...document.querySelectorAll('#services tbody tr')].map((r) => "
-                "[...r.cells].map((c) => c.textContent).join('|')).join('\\n')"
-            )
-            expected = [
-                "good|icu|mana|–|runs",
-                "degraded|lidar slam|mana|3.0 s old|is active, with problems: pose degraded (few_points)",
-                "failed|visual slam|mana|–|has not started",
-            ]
-
-            def is_listed() -> bool:  # as a host does, which repeats its status
-                host.publish_map(keys.dfpc_status("mana", "lidar_slam"), status | {"last_error": ""})
-                return bool(browser.value(rows) == "\n".join(expected))
-
-            wait_until(is_listed, 30.0, "the table of services")
-            summary = "document.getElementById('summary').innerText"
-            assert "t = 100.00 s" in browser.value(summary)
-            assert "94 s old" in browser.value(summary)
-            browser.eventually("/ 98 s old/.test(document.getElementById('robots').innerText)")
-            host.withdraw_token(keys.alive("mana", "icu"))
-            browser.eventually(f"{rows}.includes('failed|icu|mana|–|does not run; it ended 0 s ago')")
 
 
 def test_tracked_objects_are_on_the_map_and_in_the_list_with_the_errors_of_their_positions(

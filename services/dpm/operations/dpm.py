@@ -64,7 +64,6 @@ class Dpm:
         self.budget = WorkBudget()
         frame_names = FrameNames(store)
         self.events = EventPublisher(store)
-        self.events.listen(self.alarm_board.follow)
         self.writer = StoreWriter(
             store, self.events, frame_names, max_payload_bytes, self.alarms, self.budget
         )
