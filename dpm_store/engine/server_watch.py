@@ -16,7 +16,7 @@ import psycopg
 from sqlalchemy import Engine
 from sqlalchemy.exc import DatabaseError
 
-from cdff_common.errors import CdffError
+from cdff_common.errors import CdffError, StorageError
 from dpm_store.engine.commit_watch import ignore
 
 logger = logging.getLogger(__name__)
@@ -49,17 +49,25 @@ class ServerWatch:
         self.on_commit = ignore
         self._engine, self._takes_lease = engine, takes_lease
         self._closed, self._has_lease = threading.Event(), threading.Event()
-        self._problem = ""
+        self._problem, self._is_connected = "", True
         self._thread = threading.Thread(target=self._run, name="commits", daemon=True)
         self._thread.start()
 
     def wait_for_lease(self, stop: threading.Event) -> bool:
-        """Wait until this process has the lease; return False if stopped before."""
+        """Wait until this process has the lease; return False if stopped before.
+
+        Raises
+        ------
+        StorageError
+            If the thread of the watch has ended.
+        """
         if not self._has_lease.wait(_WAIT_S):
             logger.info("another process maintains the store: this one waits until it ends")
         while not self._has_lease.wait(_RETRY_S):
             if stop.is_set():
                 return False
+            if reason := self.problem():
+                raise StorageError(f"store: {reason}")
         return True
 
     def problem(self) -> str:
@@ -78,7 +86,9 @@ class ServerWatch:
             try:
                 self._follow()
             except (psycopg.Error, DatabaseError, CdffError) as error:
-                logger.warning("commits of other processes are not followed: %s; connecting again", error)
+                if self._is_connected:  # one line for each interruption, however long it lasts
+                    logger.warning("commits of other processes are not followed: %s; connecting again", error)
+                self._is_connected = False
                 self._closed.wait(_RETRY_S)
 
     def _follow(self) -> None:
@@ -92,6 +102,7 @@ class ServerWatch:
                 return
             driver.execute(f"LISTEN {CHANNEL}".encode())
             self.on_commit()
+            self._is_connected = True
             while not self._closed.is_set():
                 if list(driver.notifies(timeout=_WAIT_S, stop_after=1)):
                     self.on_commit()

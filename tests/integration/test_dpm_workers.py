@@ -55,7 +55,7 @@ class Processes:
             self.wait_alive(f"dpm_{worker}")
 
     def store_in(self, directory: Path) -> str:
-        """Return the URL of the store with a directory for the files of one process."""
+        """Return the URL of the store; one process keeps its local files in ``directory``."""
         return self.cluster.url("mission", directory, f"s3://{seaweedfs.BUCKET}/mission")
 
     def start(self, name: str, *options: str) -> subprocess.Popen[bytes]:
@@ -192,7 +192,9 @@ def test_a_change_by_a_worker_is_published_once_and_reaches_clients_of_all_proce
         wait_until(lambda: len(published) >= 3, 10, "events on the bus")
         ordinals = [event["ordinal"] for event in published]
         assert all(arrives(stream, ordinals) for stream in streams)
+    processes.put(11)  # after its answer, a second event of an earlier change would have been published
     assert len(set(ordinals)) == len(ordinals) == 3
+    assert [event["ordinal"] for event in published] == ordinals
 
 
 def test_workers_answer_while_the_dpm_is_dead_and_a_standby_replaces_it(processes: Processes) -> None:
