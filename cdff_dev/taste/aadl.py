@@ -10,6 +10,7 @@ kept: ``asn2aadl`` states the MD5 sums of the ASN.1 files in them.
 from __future__ import annotations
 
 import re
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -51,15 +52,15 @@ def _meaning(text: str) -> tuple[str, ...]:
     return tuple(token.meaning for token in _tokens(text, "a view"))
 
 
-class _ByMeaning:
+class _ByMeaning(ABC):
     """Base of what AADL compares without case: equal if ``meaning`` is."""
 
     __slots__ = ()
 
     @property
+    @abstractmethod
     def meaning(self) -> object:
         """Content by which AADL compares."""
-        raise NotImplementedError
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, _ByMeaning) and type(self) is type(other) and self.meaning == other.meaning

@@ -120,6 +120,9 @@ class RobotNode:
         """Return why no message is read, for the health check; empty without a problem."""
         if self._fault:
             return f"the thread of the DDS readers has ended: {self._fault}"
+        was_started = self._thread.ident is not None
+        if was_started and not self._thread.is_alive() and not self._stop.is_set():
+            return "the thread of the DDS readers has ended"
         return ""
 
     def declare_publisher(self, topic: str, type_name: str, *, latched: bool) -> None:
