@@ -200,9 +200,10 @@ class Store:
         self.close()
 
     def watch(self, *, takes_lease: bool = False) -> CommitWatch:
-        """Follow the commits of all processes that have the store open; close the watch before the store.
+        """Return a watch that calls a function after the commits of all processes.
 
-        With ``takes_lease`` this process maintains the store: retention, recording and publication.
+        The caller closes the watch before the store. A process that takes the lease maintains the store: it
+        records samples, retires products and publishes events.
         """
         return self._database.dialect.watch(self._database.engine, takes_lease=takes_lease)
 

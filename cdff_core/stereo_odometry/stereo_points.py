@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Points of a stereo pair with sub-pixel disparities, and the errors of the rectification that they show."""
+"""Corners of a stereo pair with sub-pixel disparities, and the rectification errors estimated from them."""
 
 from __future__ import annotations
 

@@ -50,7 +50,7 @@ _KEYWORDS = """
 
 
 def idl_text(type_names: Iterable[str], source: str) -> str:
-    """Return a file of IDL with types and all types to which they refer.
+    """Return the text of an IDL file with types and all types that these use.
 
     Parameters
     ----------

@@ -79,7 +79,7 @@ class Function:
 
 @dataclass(frozen=True, slots=True)
 class Connection:
-    """Connection from the required interface of a function to the interface that another one provides."""
+    """Connection of a required interface with a provided one: names of function and interface for each."""
 
     required: tuple[str, str]
     provided: tuple[str, str]

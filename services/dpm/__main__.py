@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""``python -m services.dpm --data-dir DIR --http 127.0.0.1:8080 [--profile FILE]``: the DPM process.
+"""The DPM process: ``python -m services.dpm --data-dir DIR --http 127.0.0.1:8080 [--profile FILE]``.
 
-With ``--store`` on a server the process waits until no other one maintains the store; with ``--worker N`` it
-only answers calls.
+If the store is on a server (``--store``), the process waits while another process maintains the store. A
+worker (``--worker N``) only answers calls.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Settings of the gateway to ROS 2 on DDS."""
+"""Settings of the gateway that connects a robot whose ROS 2 uses DDS."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Address = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9.:-]*$", max_leng
 
 
 class DdsSettings(GatewaySettings):
-    """Settings of the gateway to a robot with ROS 2 on DDS.
+    """Settings of one gateway.
 
     Attributes
     ----------

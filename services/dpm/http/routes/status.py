@@ -35,7 +35,7 @@ _METRICS_TIMEOUT_S = 1.0
 
 @router.get("/api/v1/status", response_model=Status)
 def status(context: Ctx) -> Any:
-    """Return counts and sizes, the running services, and the health of each service in words."""
+    """Return the numbers and sizes of products, the running services, and a text about the health of each."""
     watch = context.watch
     more = {
         "services": {} if watch is None else watch.services(),

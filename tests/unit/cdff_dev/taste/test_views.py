@@ -134,7 +134,7 @@ def test_the_data_view_has_each_type_after_those_to_which_it_refers_with_its_fil
 @pytest.mark.parametrize(
     ("name", "message_bytes", "buffer_bytes"),
     [
-        # Published data views of ESROCOS state these sizes for types of the same definition.
+        # The data views that ESROCOS published state these sizes for types with the same definition.
         ("T-Boolean", 1, 8),
         ("T-Int16", 8, 8),
         ("T-Int32", 8, 8),

@@ -33,7 +33,7 @@ class State:
 
 
 class Robot:
-    """Robot mana whose DFPCs publish poses at ``(x, 0, 0)``."""
+    """Bus of robot mana, on which its DFPCs publish poses at ``(x, 0, 0)``, metres."""
 
     def __init__(self) -> None:
         self.bus, self.state = LocalBus(ManualClock(0)), State()
