@@ -82,7 +82,7 @@ def main() -> int:
                 os.killpg(compute.pid, signal.SIGTERM)
     print(output.read_text(encoding="utf-8", errors="replace"))
     counts = _counts(BUILD / f"junit-{name}.xml" for name in ("compute", "processes"))
-    failed = _failed(BUILD / "junit-processes.xml")
+    failed, passed = _failed(BUILD / "junit-processes.xml"), 0
     if code == TESTS_FAILED and 0 < len(failed) <= MOST_REPEATED:
         print(
             f"\n==== {len(failed)} tests with processes run once more, alone: {', '.join(failed)}", flush=True
@@ -92,6 +92,7 @@ def main() -> int:
         counts["failed"], counts["passed"] = counts["failed"] - passed, counts["passed"] + passed
     seconds = time.monotonic() - started
     words = [f"{counts[word]} {word}" for word in ("failed", "passed", "skipped", "errors") if counts[word]]
+    words += [f"{passed} of them only when repeated alone"] if passed else []
     print(f"\n==== {', '.join(words) or 'no tests ran'} in {seconds:.2f}s ====")
     return next((code for code in codes if code not in (0, NO_TESTS_COLLECTED)), 0)
 
