@@ -6,8 +6,8 @@ Tests that start processes run one by one, because they wait for services within
 compute run in parallel at the same time, in the remaining processor time; the output of the others is printed
 when they have ended. Linux shares the processors among sessions first, and the services under test run in
 sessions of their own. The tests that only compute therefore run in a session of the lowest priority until
-the others have ended. Tests with processes that failed run once more when nothing else runs, because services
-may miss their time limits on a slow machine. They are listed, and fail if they fail again.
+the others have ended. Tests that failed run once more when nothing else runs, because services and tests with
+real time may miss their time limits beside others. They are listed, and fail if they fail again.
 
 ``run_tests.py`` runs the tests that are not marked slow or soak, ``run_tests.py --slow`` the slow ones too,
 ``run_tests.py --soak`` only the soak tests; further arguments go to pytest.
@@ -82,12 +82,11 @@ def main() -> int:
                 os.killpg(compute.pid, signal.SIGTERM)
     print(output.read_text(encoding="utf-8", errors="replace"))
     counts = _counts(BUILD / f"junit-{name}.xml" for name in ("compute", "processes"))
-    failed, passed = _failed(BUILD / "junit-processes.xml"), 0
-    if code == TESTS_FAILED and 0 < len(failed) <= MOST_REPEATED:
-        print(
-            f"\n==== {len(failed)} tests with processes run once more, alone: {', '.join(failed)}", flush=True
-        )
-        codes[1] = _start("repeated", ["-p", "no:xdist", *failed]).wait()
+    failed = [test for name in ("compute", "processes") for test in _failed(BUILD / f"junit-{name}.xml")]
+    passed = 0
+    if {*codes} <= {0, TESTS_FAILED, NO_TESTS_COLLECTED} and 0 < len(failed) <= MOST_REPEATED:
+        print(f"\n==== {len(failed)} tests run once more, alone: {', '.join(failed)}", flush=True)
+        codes = [_start("repeated", ["-p", "no:xdist", *failed]).wait()]
         passed = _counts([BUILD / "junit-repeated.xml"])["passed"]
         counts["failed"], counts["passed"] = counts["failed"] - passed, counts["passed"] + passed
     seconds = time.monotonic() - started
