@@ -7,7 +7,7 @@ compute run in parallel at the same time, in the remaining processor time; the o
 when they have ended. Linux shares the processors among sessions first, and the services under test run in
 sessions of their own. The tests that only compute therefore run in a session of the lowest priority until
 the others have ended. Tests that failed run once more when nothing else runs, because services and tests with
-real time may miss their time limits beside others. They are listed, and fail if they fail again.
+real time may miss their time limits while others compute. They are listed, and fail if they fail again.
 
 ``run_tests.py`` runs the tests that are not marked slow or soak, ``run_tests.py --slow`` the slow ones too,
 ``run_tests.py --soak`` only the soak tests; further arguments go to pytest.
