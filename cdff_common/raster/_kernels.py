@@ -130,6 +130,9 @@ def _pool(
 def pool_layers(
     layers: tuple[Single, ...],
     t1: int,
+    fine: float,
+    left: int,
+    top: int,
     factor: int,
     down: int,
     right: int,
@@ -139,8 +142,9 @@ def pool_layers(
     """Pool a patch's layers ``(rows, cols)`` mean, variance, min, max, count, age_s and the auxiliary
     pose_variance, intensity, first_age_s, overhang_m into a window.
 
-    A cell of the window has ``factor`` cells of the patch along an edge; cell (0, 0) of the patch lies
-    ``down`` and ``right`` of the window's corner, in cells of the patch. Cells outside the window are
+    The patch has cells of ``fine`` metres, whose first column and upper edge are ``left`` and ``top`` cells
+    from the origin of the frame. A cell of the window has ``factor`` cells of the patch along an edge; cell
+    (0, 0) of the patch lies ``down`` and ``right`` of the window's corner, in cells of the patch. Cells outside the window are
     ignored. Without auxiliary layers ``sums`` (``AuxiliaryLayers.sums``) and these layers are empty.
     """
     means, variances, lows, highs, counts, ages, poses, intensities, first_ages, overhangs = layers
@@ -160,7 +164,8 @@ def pool_layers(
                 first_us = first_us_of(t1, np.float64(first_ages[r, c]))
                 pose, overhang = np.float64(poses[r, c]), np.float64(overhangs[r, c])
                 intensity, area = np.float64(intensities[r, c]), 1.0 / (factor * factor)
-                pool_auxiliary(sums, row, col, n, n * n, area, pose, intensity, first_us, overhang)
+                x, y = (left + c + 0.5) * fine, (top - r - 0.5) * fine
+                pool_auxiliary(sums, row, col, n, x, y, n * n, area, pose, intensity, first_us, overhang)
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -175,9 +180,9 @@ def target_cell(
     coarse: float,
     left: int,
     top: int,
-) -> tuple[int, int, float, float]:  # pragma: no cover - compiled
-    """Return row and column of the window's cell at a quarter of a patch's cell, the height of the quarter,
-    and the variance that ``T_window_patch`` adds.
+) -> tuple[int, int, float, float, float, float]:  # pragma: no cover - compiled
+    """Return row and column of the window's cell at a quarter of a patch's cell, the position of the quarter
+    in the frame of the window, and the variance that ``T_window_patch`` adds to its height.
 
     ``col`` and ``row`` count the patch's cells from the origin of its frame, to the right and up to the upper
     edge of the cell.
@@ -195,6 +200,8 @@ def target_cell(
     return (
         top - 1 - math.floor((ry + T_window_patch[1, 3]) / coarse),
         math.floor((rx + T_window_patch[0, 3]) / coarse) - left,
+        rx + T_window_patch[0, 3],
+        ry + T_window_patch[1, 3],
         rz + T_window_patch[2, 3],
         max(variance, 0.0),
     )
@@ -240,7 +247,7 @@ def pool_resampled(
                 (np.float64(highs[r, c]) - z) * vertical_scale,
             )
             for quarter in range(4):
-                row, col, height, pose_variance = target_cell(
+                row, col, x, y, height, pose_variance = target_cell(
                     quarter,
                     left + c,
                     top - r,
@@ -261,8 +268,9 @@ def pool_resampled(
                         overhang = height + (np.float64(overhangs[r, c]) - z) * vertical_scale
                         intensity = np.float64(intensities[r, c])
                         squares = 0.25 * n * n  # the four parts are one cluster
+                        part = 0.25 * n
                         pool_auxiliary(
-                            sums, row, col, 0.25 * n, squares, area, pose, intensity, first_us, overhang
+                            sums, row, col, part, x, y, squares, area, pose, intensity, first_us, overhang
                         )
 
 

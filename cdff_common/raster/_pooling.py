@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from cdff_common.geometry import UncertainTransform
 from cdff_common.raster import _kernels
-from cdff_common.raster.auxiliary_layers import POOLED_LAYERS, AuxiliaryLayers
+from cdff_common.raster.auxiliary_layers import POOLED_LAYERS, STATISTICS, AuxiliaryLayers
 from cdff_common.raster.cell_selection import Choice
 from cdff_common.raster.geometry import GridGeometry
 from cdff_common.raster.statistics import CellStatistics
@@ -21,7 +21,7 @@ _NO_COVARIANCE: NDArray[np.float64] = np.zeros((6, 6))
 #: Empty auxiliary layers, read-only as the layers of messages, and sums of cells without these.
 _NO_LAYER = np.zeros((0, 0), np.float32)
 _NO_LAYER.setflags(write=False)
-_NO_SUMS: NDArray[np.float64] = np.zeros((0, 0, 7))
+_NO_SUMS: NDArray[np.float64] = np.zeros((0, 0, STATISTICS))
 #: Arrays of ``CellStatistics``.
 _STATISTICS = ("count", "mean", "m2", "minimum", "maximum", "newest_ns")
 
@@ -111,17 +111,16 @@ class MapSource:
         sums = _NO_SUMS if self.auxiliary is None else cells.with_auxiliary().sums
         if self.factor is not None:
             offset = window.top * self.factor - g.top, g.left - window.left * self.factor
-            _kernels.pool_layers(layers, self.t1_ns, self.factor, *offset, arrays, sums)
+            map_grid = g.resolution_m, g.left, g.top
+            _kernels.pool_layers(layers, self.t1_ns, *map_grid, self.factor, *offset, arrays, sums)
             return
         T = self.T_window_map
         matrix: NDArray[np.float64] = np.eye(4) if T is None else np.ascontiguousarray(T.matrix)
         covariance = _NO_COVARIANCE
         if T is not None and T.covariance is not None:
             covariance = np.ascontiguousarray(T.covariance)
-        map_grid, window_grid = (
-            (g.resolution_m, g.left, g.top),
-            (window.resolution_m, window.left, window.top),
-        )
+        map_grid = g.resolution_m, g.left, g.top
+        window_grid = window.resolution_m, window.left, window.top
         _kernels.pool_resampled(layers, self.t1_ns, *map_grid, matrix, covariance, *window_grid, arrays, sums)
 
 

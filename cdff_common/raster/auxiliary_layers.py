@@ -26,11 +26,14 @@ Grid = NDArray[np.float64]
 
 #: Layers that are pooled; ``error_variance`` is computed from them and the statistics of the heights.
 POOLED_LAYERS = ("pose_variance", "intensity", "first_age_s", "overhang_m")
-#: Index of each pooled statistic in ``AuxiliaryLayers.sums``. The first five add up, the others keep the
-#: minimum.
-POSE_VARIANCE_SUM, INTENSITY_SUM, INTENSITY_COUNT, COUNT_SQUARES, AREA_SUM, FIRST_US, OVERHANG_M = range(7)
-_ADDED, _MINIMA = slice(0, 5), slice(5, 7)
-_EMPTY = np.array([0.0, 0.0, 0.0, 0.0, 0.0, np.inf, np.inf])
+#: Index of each pooled statistic in ``AuxiliaryLayers.sums``. The last two keep the minimum, the others add
+#: up.
+POSE_VARIANCE_SUM, INTENSITY_SUM, INTENSITY_COUNT, COUNT_SQUARES, AREA_SUM, X_SUM, Y_SUM = range(7)
+FIRST_US, OVERHANG_M = 7, 8
+_ADDED, _MINIMA = slice(0, 7), slice(7, 9)
+_EMPTY = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, np.inf, np.inf])
+#: Number of pooled statistics.
+STATISTICS = len(_EMPTY)
 
 
 @dataclass(slots=True, eq=False)
@@ -40,11 +43,13 @@ class AuxiliaryLayers:
     Attributes
     ----------
     geometry : GridGeometry
-    sums : Grid, shape (rows, cols, 7)
+    sums : Grid, shape (rows, cols, 9)
         ``POSE_VARIANCE_SUM`` sum of the variances that the poses add to the heights, m2, NaN if that of any
         height is unknown; ``INTENSITY_SUM`` and ``INTENSITY_COUNT`` sum and number of the known intensities;
         ``COUNT_SQUARES`` sum of the squared numbers of heights of the cells of the maps, and ``AREA_SUM`` sum
         of their numbers of heights, each multiplied by the fraction of this cell that the map's cell covers;
+        ``X_SUM`` and ``Y_SUM`` sums of the coordinates of the heights, metres in the frame of the grid, where
+        each height counts with the centre of its map's cell;
         ``FIRST_US`` stamp of the oldest measurement, us, +inf if there is none, -inf if it is unknown;
         ``OVERHANG_M`` lowest height of an overhang, +inf if there is none.
     """
@@ -91,6 +96,8 @@ class AuxiliaryLayers:
     def set_counts(self, count: Grid) -> None:
         """Set the numbers of heights ``(rows, cols)`` of the cells of one map."""
         self.sums[..., COUNT_SQUARES], self.sums[..., AREA_SUM] = count * count, count
+        self.sums[..., X_SUM] = count * self.geometry.x_centres_m()
+        self.sums[..., Y_SUM] = count * self.geometry.y_centres_m()[:, None]
 
     def add(self, other: AuxiliaryLayers) -> None:
         """Pool another grid of the same cells into this one; cells outside this grid are ignored."""
@@ -142,13 +149,31 @@ class AuxiliaryLayers:
         mean is that of the relief times ``sum(w^2) - a``, where w are the fractions of the heights in each of
         the maps' cells and a is the fraction of the cell that one of these covers (cluster sampling from a
         finite population: W. G. Cochran, Sampling Techniques, 3rd edition, 1977, chapters 2 and 9A).
+
+        Scan lines that leave a part of the cell unobserved also displace the mean position of the heights
+        from the centre of the cell. The mean height then differs from that of the cell by the slope times the
+        displacement. Its square is added for the slope of a plane through the neighbouring cells, or for the
+        mean slope to the neighbours in an unknown direction, whichever is larger.
         """
-        from cdff_common.raster._auxiliary_kernels import fill_auxiliary, relief
+        from cdff_common.raster._auxiliary_kernels import fill_auxiliary, relief, sampling_errors
 
         squares = np.empty(self.geometry.shape)
         isolated = relief(statistics.count, statistics.mean, squares)
         known_squares = squares[np.isfinite(squares)] if isolated else squares[:0]
         typical = float(np.median(known_squares)) if known_squares.size else 0.0
+        x_m, y_m = self.geometry.x_centres_m(), self.geometry.y_centres_m()
+        displaced = np.empty(self.geometry.shape)
+        sampling_errors(
+            statistics.count,
+            statistics.mean,
+            self.sums,
+            squares,
+            typical,
+            x_m,
+            y_m,
+            self.geometry.resolution_m,
+            displaced,
+        )
         stack = np.empty((5, *self.geometry.shape), dtype=np.float32)
         has_intensity, has_overhang = fill_auxiliary(
             statistics.count.reshape(-1),
@@ -156,6 +181,7 @@ class AuxiliaryLayers:
             statistics.m2.reshape(-1),
             self.sums.reshape(-1, len(_EMPTY)),
             squares.reshape(-1),
+            displaced.reshape(-1),
             typical,
             t1_ns * 1e-3,
             stack.reshape(5, -1),

@@ -29,6 +29,8 @@ from cdff_common.raster.auxiliary_layers import (
     INTENSITY_SUM,
     OVERHANG_M,
     POSE_VARIANCE_SUM,
+    X_SUM,
+    Y_SUM,
     AuxiliaryLayers,
 )
 from cdff_common.raster.height_registration import HeightRegistration, register_heights
@@ -231,6 +233,9 @@ def _fused_auxiliary(
     squares = np.where(is_used, share**2 * sums[..., COUNT_SQUARES] / numbers**2, 0.0).sum(axis=0)
     area = np.where(is_used, share * sums[..., AREA_SUM] / numbers, 0.0).sum(axis=0)
     result.sums[..., COUNT_SQUARES], result.sums[..., AREA_SUM] = squares * count**2, area * count
+    for coordinate in (X_SUM, Y_SUM):
+        means = np.where(is_used, share * sums[..., coordinate] / numbers, 0.0)
+        result.sums[..., coordinate] = means.sum(axis=0) * count
     for added_up in (INTENSITY_SUM, INTENSITY_COUNT):
         result.sums[..., added_up] = np.where(is_used, sums[..., added_up], 0.0).sum(axis=0)
     for lowest in (FIRST_US, OVERHANG_M):
