@@ -185,8 +185,8 @@ def fill_auxiliary(
     """Fill ``(5, cells)`` layers pose_variance, error_variance, first_age_s, intensity, overhang_m.
 
     Returns whether any cell has an intensity and whether any has an overhang. Overhangs below the ground,
-    which conflicting patches can produce, are discarded. ``squares`` is the output of ``relief``, ``displaced``
-    that of ``sampling_errors``; ``typical`` replaces ``squares`` in cells without neighbours.
+    which conflicting patches can produce, are discarded. ``squares`` is the output of ``relief``, and
+    ``displaced`` that of ``sampling_errors``; ``typical`` replaces ``squares`` in cells without neighbours.
     """
     has_intensity, has_overhang = False, False
     for i in range(len(count)):

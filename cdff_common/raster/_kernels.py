@@ -143,9 +143,10 @@ def pool_layers(
     pose_variance, intensity, first_age_s, overhang_m into a window.
 
     The patch has cells of ``fine`` metres, whose first column and upper edge are ``left`` and ``top`` cells
-    from the origin of the frame. A cell of the window has ``factor`` cells of the patch along an edge; cell
-    (0, 0) of the patch lies ``down`` and ``right`` of the window's corner, in cells of the patch. Cells outside the window are
-    ignored. Without auxiliary layers ``sums`` (``AuxiliaryLayers.sums``) and these layers are empty.
+    from the origin of the frame. A cell of the window has ``factor`` cells of the patch along an edge.
+    Cell (0, 0) of the patch lies ``down`` and ``right`` of the window's corner, in cells of the patch. Cells
+    outside the window are ignored. Without auxiliary layers ``sums`` (``AuxiliaryLayers.sums``) and these
+    layers are empty.
     """
     means, variances, lows, highs, counts, ages, poses, intensities, first_ages, overhangs = layers
     rows, cols = means.shape

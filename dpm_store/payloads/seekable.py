@@ -10,7 +10,6 @@ identifies the content are in a skippable frame before the table.
 
 from __future__ import annotations
 
-import io
 import struct
 from typing import BinaryIO, NamedTuple
 
@@ -105,7 +104,7 @@ def read_frames(
     file.seek(starts[first])
     data = memoryview(file.read(starts[last] - starts[first]))
     decompressor = zstandard.ZstdDecompressor()
-    content = io.BytesIO()  # frames are copied while they are in the processor's cache
+    parts = []
     for i in range(first, last):
         frame = data[starts[i] - starts[first] : starts[i + 1] - starts[first]]
         try:
@@ -119,8 +118,8 @@ def read_frames(
             )
         if is_checked and not stated.has_checksum:
             raise CodecError(f"compressed frame {i}: no checksum")
-        content.write(part)
-    return content.getvalue(), is_checked
+        parts.append(part)
+    return b"".join(parts), is_checked
 
 
 def _table(file: BinaryIO, file_bytes: int, content_bytes: int) -> Table:
