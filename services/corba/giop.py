@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import socket
-import struct
 import threading
 from collections.abc import Callable
 from contextlib import suppress
@@ -13,11 +12,19 @@ from dataclasses import dataclass
 
 from cdff_common.errors import CodecError, UnavailableError
 from services.corba.cdr import CdrReader, CdrWriter
+from services.corba.messages import (
+    CLOSE,
+    ERROR,
+    HEADER,
+    REPLY,
+    REQUEST,
+    finish_message,
+    read_message,
+    receive_bytes,
+    skip_contexts,
+)
 
-_MAGIC, _VERSION = b"GIOP", (1, 2)
-_REQUEST, _REPLY, _CLOSE, _ERROR, _FRAGMENT = 0, 1, 5, 6, 7
 _NO_EXCEPTION, _USER_EXCEPTION, _SYSTEM_EXCEPTION, _FORWARD, _FORWARD_PERMANENTLY = range(5)
-_HEADER = struct.Struct("<4sBBBBI")
 #: Time of a call, seconds; calls that are forwarded to another object; largest message, bytes.
 _TIMEOUT_S, _MAX_FORWARDS, _MAX_BYTES = 5.0, 4, 1 << 28
 #: Tags of the profiles of a reference: internet.
@@ -43,6 +50,20 @@ class Reference:
     host: str
     port: int
     key: bytes
+
+
+def write_reference(writer: CdrWriter, reference: Reference | None) -> None:
+    """Add the reference of an object; None is nil."""
+    writer.text(reference.type_id if reference else "")
+    writer.number("ulong", 1 if reference else 0)
+    if reference:
+        writer.number("ulong", _INTERNET)
+        profile = CdrWriter(b"\1\1\2")  # byte order, and version 1.2
+        profile.text(reference.host)
+        profile.number("ushort", reference.port)
+        profile.octets(reference.key)
+        profile.number("ulong", 0)  # no components
+        writer.encapsulation(profile)
 
 
 class RemoteError(UnavailableError):
@@ -160,63 +181,28 @@ class GiopConnection:
     def _reply(self, request_id: int) -> tuple[int, CdrReader]:
         """Return status and results of the reply to a request."""
         while True:
-            data, kind, is_little = self._message()
-            if kind == _CLOSE:
+            data, kind, is_little = read_message(self._receive, _MAX_BYTES)
+            if kind == CLOSE:
                 raise EOFError("the server has closed the connection")
-            if kind != _REPLY:
+            if kind == ERROR:
+                raise CodecError("the server reports a malformed message")
+            if kind != REPLY:
                 raise CodecError(f"GIOP message of kind {kind}: expected a reply")
-            reader = CdrReader(data, is_little, _HEADER.size)
+            reader = CdrReader(data, is_little, HEADER.size)
             found, status = reader.number("ulong"), reader.number("ulong")
-            for _ in range(reader.count(8)):
-                reader.number("ulong")
-                reader.octets()
-            if reader.remaining > 0:
-                reader.align(8)
+            skip_contexts(reader)
             if found == request_id:
                 return status, reader
 
-    def _message(self) -> tuple[bytes, int, bool]:
-        """Return a message with its header and its fragments, its kind and byte order."""
-        data, kind, flags = self._part()
-        message, has_more = bytearray(data), bool(flags & 2)
-        while has_more:
-            part, part_kind, part_flags = self._part()
-            if part_kind != _FRAGMENT or len(message) + len(part) > _MAX_BYTES:
-                raise CodecError(f"GIOP message of kind {part_kind}: expected a fragment of a message")
-            message += part[_HEADER.size + 4 :]
-            has_more = bool(part_flags & 2)
-        return bytes(message), kind, bool(flags & 1)
-
-    def _part(self) -> tuple[bytes, int, int]:
-        """Return one message with its header, its kind and its flags."""
-        header = self._receive(_HEADER.size)
-        magic, major, minor, flags, kind, _ = _HEADER.unpack(header)
-        (size,) = struct.unpack("<I" if flags & 1 else ">I", header[8:])
-        if magic != _MAGIC or (major, minor) > _VERSION or major != 1:
-            raise CodecError(f"{header!r}: expected the header of GIOP 1.0 to 1.2")
-        if kind == _ERROR:
-            raise CodecError("the server reports a malformed message")
-        if size > _MAX_BYTES:
-            raise CodecError(f"GIOP message of {size} bytes: expected at most {_MAX_BYTES}")
-        return header + self._receive(size), kind, flags
-
     def _receive(self, size: int) -> bytes:
-        sock = self._socket
-        if sock is None:
+        if self._socket is None:
             raise EOFError("the connection is closed")
-        data = bytearray(size)
-        view, position = memoryview(data), 0
-        while position < size:
-            count = sock.recv_into(view[position:])
-            if not count:
-                raise EOFError("the connection is closed")
-            position += count
-        return bytes(data)
+        return receive_bytes(self._socket, size)
 
 
 def _request(request_id: int, key: bytes, operation: str, marshal: Marshal | None) -> bytes:
     """Return the message of a request."""
-    writer = CdrWriter(bytes(_HEADER.size))
+    writer = CdrWriter(bytes(HEADER.size))
     writer.number("ulong", request_id)
     writer.data += b"\3\0\0\0"  # a reply is expected
     writer.number("short", 0)  # the target is stated by its key
@@ -226,9 +212,7 @@ def _request(request_id: int, key: bytes, operation: str, marshal: Marshal | Non
     if marshal is not None:
         writer.align(8)
         marshal(writer)
-    size = len(writer.data) - _HEADER.size
-    writer.data[: _HEADER.size] = _HEADER.pack(_MAGIC, *_VERSION, 1, _REQUEST, size)
-    return bytes(writer.data)
+    return finish_message(writer, REQUEST)
 
 
 class RemoteObject:

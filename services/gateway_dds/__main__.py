@@ -31,8 +31,8 @@ def main(argv: list[str] | None = None) -> int:
         from services.gateways.stream_settings import load_settings
 
         settings = load_settings(args.settings, DdsSettings, args.robot)
-        with gateway_connections(args.connect, SERVICE, stop) as (bus, _):
-            gateway = Gateway(settings, bus)
+        with gateway_connections(args.connect, SERVICE, stop) as (bus, client):
+            gateway = Gateway(settings, bus, client)
             add_check(gateway.node.problem)
             bus.declare_alive(settings.robot, SERVICE)
             gateway.run(stop)

@@ -10,6 +10,8 @@ from contextlib import ExitStack
 from typing import Any
 
 from cdff_common.bus import Bus, keys
+from cdff_common.client import Client
+from services.gateway_dds.relayed_requests import RelayedRequests
 from services.gateway_dds.robot_node import RobotNode
 from services.gateway_dds.settings import DdsSettings
 from services.gateways.frames import FrameNames
@@ -32,9 +34,11 @@ class Gateway:
     settings : DdsSettings
     bus : Bus
         Bus of CDFF.
+    client : Client
+        For requests; a connection to the bus of its own.
     """
 
-    def __init__(self, settings: DdsSettings, bus: Bus) -> None:
+    def __init__(self, settings: DdsSettings, bus: Bus, client: Client) -> None:
         self._settings, self._bus = settings, bus
         types = RosTypes(2)
         self.node = RobotNode(settings, types)
@@ -48,6 +52,8 @@ class Gateway:
                 self.node.subscribe(entry.camera_info, CAMERA_INFO, entry.service_quality, calibration, 1)
         self._inputs = [link for links in by_topic.values() for link in links]
         self._outputs = connect_outputs(settings.outputs, names, types, self.node, bus)
+        node_name = settings.node
+        self._requests = RelayedRequests(settings.requests, node_name, names, types, self.node, client)
         self.node.start()
 
     def run(self, stop: threading.Event) -> None:
@@ -55,6 +61,7 @@ class Gateway:
         with ExitStack() as stack:
             for link in self._inputs:
                 stack.callback(link.close)
+            stack.callback(self._requests.close)
             stack.callback(self.node.close)
             while True:
                 self.node.check_types()
@@ -64,7 +71,7 @@ class Gateway:
 
     def status(self) -> dict[str, Any]:
         """Return the message of the status key: the counters of each topic, and the conflicts."""
-        status = status_of(self._inputs, self._outputs, ())
+        status = status_of(self._inputs, self._outputs, self._requests.requests)
         for name, count in self.node.not_plain.items():
             if name in status["inputs"]:
                 status["inputs"][name]["dropped"]["encoding"] = count
@@ -73,6 +80,7 @@ class Gateway:
             "domain": self._settings.domain,
             **status,
             "conflicts": dict(self.node.conflicts),
+            "relay": {"faults": self._requests.faults, "last_fault": self._requests.last_fault},
         }
 
 

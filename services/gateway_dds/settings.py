@@ -8,6 +8,7 @@ from typing import Annotated
 
 from pydantic import Field, model_validator
 
+from services.gateways.request_types import ACTIONS
 from services.gateways.settings import GatewaySettings
 
 #: Vendor id of Fast DDS. Cyclone DDS refuses its descriptions of types with arrays, so that topics would not
@@ -40,11 +41,14 @@ class DdsSettings(GatewaySettings):
     multicast: bool = False
 
     @model_validator(mode="after")
-    def _has_topics_only(self) -> DdsSettings:
-        if self.requests or self.parameters:
+    def _is_possible(self) -> DdsSettings:
+        actions = [entry.name for entry in self.requests if entry.type in ACTIONS]
+        if actions:
+            raise ValueError(f"request {actions[0]}: expected a service; actions need the gateway to Zenoh")
+        if self.parameters:
             raise ValueError(
-                "requests and parameters: expected none, since implementations of DDS do not share the "
-                "correlation of requests; use the gateway to ROS 2 over Zenoh, or the HTTP interface"
+                "parameters: expected none, since implementations of DDS do not share the correlation of "
+                "requests; use the gateway to ROS 2 over Zenoh, or the HTTP interface"
             )
         if not self.peers and not self.multicast:
             raise ValueError("peers: expected the addresses of the robot's machines, or multicast: true")

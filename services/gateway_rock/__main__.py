@@ -26,6 +26,12 @@ def parse_arguments(argv: list[str] | None = None) -> argparse.Namespace:
         default=os.environ.get("CDFF_ROCK_NAMES") or "127.0.0.1",
         help=f"HOST[:PORT] of the name service; default: CDFF_ROCK_NAMES, else 127.0.0.1:{DEFAULT_PORT}",
     )
+    parser.add_argument(
+        "--host",
+        default=os.environ.get("CDFF_ROCK_HOST") or "127.0.0.1",
+        help="address of this machine by which the robot reaches the task for requests, the only one that is "
+        "listened on; default: CDFF_ROCK_HOST, else 127.0.0.1",
+    )
     return parser.parse_args(argv)
 
 
@@ -40,8 +46,9 @@ def main(argv: list[str] | None = None) -> int:
         from services.gateways.stream_settings import load_settings
 
         settings = load_settings(args.settings, RockSettings, args.robot)
-        with gateway_connections(args.connect, SERVICE, stop) as (bus, _):
-            gateway = Gateway(settings, bus, *address_of(args.names, DEFAULT_PORT))
+        with gateway_connections(args.connect, SERVICE, stop) as (bus, client):
+            address = address_of(args.names, DEFAULT_PORT)
+            gateway = Gateway(settings, bus, client, *address, args.host)
             add_check(gateway.problem)
             bus.declare_alive(settings.robot, SERVICE)
             gateway.run(stop)

@@ -8,9 +8,11 @@ import threading
 from typing import Any
 
 from cdff_common.bus import Bus, keys
+from cdff_common.client import Client
 from services.corba.giop import Connections
 from services.corba.naming import NameService
 from services.gateway_rock.ports import RockInput, RockOutput
+from services.gateway_rock.request_task import RequestServer
 from services.gateway_rock.settings import RockSettings
 from services.gateways.frames import FrameNames
 
@@ -26,25 +28,41 @@ class Gateway:
     ----------
     settings : RockSettings
     bus : Bus
+    client : Client
+        For requests; a connection to the bus of its own.
     host : str
     port : int
         Address of the robot's name service.
+    own_host : str
+        Address by which the robot reaches the gateway for requests.
     """
 
-    def __init__(self, settings: RockSettings, bus: Bus, host: str, port: int) -> None:
+    def __init__(
+        self,
+        settings: RockSettings,
+        bus: Bus,
+        client: Client,
+        host: str,
+        port: int,
+        own_host: str = "127.0.0.1",
+    ) -> None:
         self._settings, self._bus = settings, bus
         self._address, self._is_closing = f"{host}:{port}", False
         self._connections: list[Connections] = []
         names = FrameNames(settings.robot, settings.frames)
         self._inputs = [RockInput(entry, names, self._names(host, port), bus) for entry in settings.inputs]
         self._outputs = [RockOutput(entry, names, self._names(host, port)) for entry in settings.outputs]
+        self._requests: RequestServer | None = None
+        if settings.requests is not None:
+            services = self._names(host, port)
+            self._requests = RequestServer(settings.requests, settings.robot, client, own_host, services)
         for output in self._outputs:
             dfpc, product = output.entry.product.split("/")
             bus.subscribe(keys.product(settings.robot, dfpc, product), output.on_message)
 
     def run(self, stop: threading.Event) -> None:
         """Connect to the tasks, and publish the status every second until ``stop`` is set."""
-        workers = (*self._inputs, *self._outputs)
+        workers = self._workers()
         for worker in workers:
             worker.start()
         key = keys.gateway_status(self._settings.robot, SERVICE)
@@ -66,7 +84,7 @@ class Gateway:
 
     def problem(self) -> str:
         """Return which thread has ended although the gateway runs, or an empty text."""
-        threads = [worker.thread for worker in (*self._inputs, *self._outputs)]
+        threads = [worker.thread for worker in self._workers()]
         ended = [thread.name for thread in threads if thread.ident and not thread.is_alive()]
         return f"the thread of {ended[0]} has ended" if ended and not self._is_closing else ""
 
@@ -94,7 +112,13 @@ class Gateway:
                     **output.counters.to_map(),
                 }
             )
-        return {"name_service": self._address, "inputs": inputs, "outputs": outputs, "requests": []}
+        asked = [] if self._requests is None else [self._requests.status()]
+        return {"name_service": self._address, "inputs": inputs, "outputs": outputs, "requests": asked}
+
+    def _workers(self) -> list[RockInput | RockOutput | RequestServer]:
+        """Return the parts with threads of their own."""
+        asked = [] if self._requests is None else [self._requests]
+        return [*self._inputs, *self._outputs, *asked]
 
     def _names(self, host: str, port: int) -> NameService:
         """Return the name service with connections of its own, so that ports do not wait for each other."""

@@ -8,6 +8,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field, PositiveFloat, model_validator
 
+from cdff_common.contract.products import requestable_products
+from cdff_common.interfaces.dfn import StrictModel
 from services.gateways.stream_settings import InputStream, OutputStream, RobotSettings
 from services.rock_types.conversions import CONVERSIONS, has_time
 
@@ -62,6 +64,35 @@ class OutputPort(OutputStream):
     type_of: Annotated[str, Field(pattern=r"^[A-Za-z0-9_/.:-]+\.[A-Za-z_][A-Za-z0-9_]*$")]
 
 
+class RequestTask(StrictModel):
+    """A task of the gateway with the operation ``requestProduct``, by which the robot requests products.
+
+    Attributes
+    ----------
+    task : str
+        Name of the task in the name service.
+    products : list of str
+        Products that may be requested.
+    deadline_s : float
+        Longest time of a request.
+    max_hz : float
+        Largest rate, requests per second; others are refused.
+    """
+
+    task: TaskName = "cdff"
+    products: Annotated[tuple[str, ...], Field(min_length=1)]
+    deadline_s: Annotated[float, Field(gt=0.0, le=600.0)] = 20.0
+    max_hz: PositiveFloat = 20.0
+
+    @model_validator(mode="after")
+    def _products_are_known(self) -> RequestTask:
+        known = requestable_products()
+        unknown = sorted(set(self.products) - set(known))
+        if unknown:
+            raise ValueError(f"product {unknown[0]!r}: expected some of {', '.join(known)}")
+        return self
+
+
 class RockSettings(RobotSettings):
     """Settings of the gateway to a robot with ROCK. Nothing passes that is not listed.
 
@@ -70,10 +101,13 @@ class RockSettings(RobotSettings):
     inputs : list of InputPort
     outputs : list of OutputPort
         Empty: the gateway writes nothing to the robot.
+    requests : RequestTask or None
+        None: the robot can request nothing.
     """
 
     inputs: tuple[InputPort, ...] = ()
     outputs: tuple[OutputPort, ...] = ()
+    requests: RequestTask | None = None
 
     @model_validator(mode="after")
     def _is_unambiguous(self) -> RockSettings:

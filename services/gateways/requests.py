@@ -6,18 +6,15 @@ from __future__ import annotations
 
 import json
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from cdff_common.bus.message import parse_parameters
 from cdff_common.client import Answer, Client
-from cdff_common.client.request_options import WIRE_NAMES, RequestOptions
 from cdff_common.clock import monotonic_s, wall_ns
 from cdff_common.errors import (
     CdffError,
-    DeniedError,
     InputError,
     OverloadedError,
     ProductNotFoundError,
@@ -25,6 +22,7 @@ from cdff_common.errors import (
 )
 from services.gateways.counters import RateLimit, TopicCounters
 from services.gateways.frames import FrameNames
+from services.gateways.product_query import OnProgress, ProductQuery
 from services.gateways.request_types import GET_GRID_MAP, GET_MAP
 from services.gateways.settings import RequestEntry
 from services.ros_messages.encoders import bitstream
@@ -33,15 +31,6 @@ from services.ros_messages.map_encoders import grid_map_message, occupancy_grid
 from services.ros_messages.message_types import BITSTREAM, RosTypes
 
 logger = logging.getLogger(__name__)
-
-OnProgress = Callable[[Mapping[str, Any]], None]
-#: Keyword arguments of the client for the parameters of a query that a robot may state. Encoding and delivery
-#: are those of the gateway.
-_ARGUMENTS = {
-    WIRE_NAMES.get(name, name): name
-    for name in RequestOptions.__annotations__
-    if name not in ("format", "deliver")
-}
 
 
 class ProductRequests:
@@ -120,20 +109,8 @@ class ProductRequests:
 
     def _product(self, request: Any, on_progress: OnProgress | None) -> Any:
         """Return any listed product as a bitstream, with its metadata as JSON."""
-        options: dict[str, Any] = dict(parse_parameters(request.query))
-        product = options.pop("type", "")
-        if product not in self.entry.products:
-            raise DeniedError(f"type={product[:80]!r}: expected one of {', '.join(self.entry.products)}")
-        refused = [name for name in options if name not in _ARGUMENTS]
-        if refused:
-            raise InputError(f"{refused[0][:80]}: expected type and some of {', '.join(sorted(_ARGUMENTS))}")
-        limit_s = self.entry.deadline_s
-        deadline_s = request.deadline_s or limit_s
-        if not 0.0 < deadline_s <= limit_s:
-            raise InputError(
-                f"deadline_s={request.deadline_s:g}: expected at most {limit_s:g}, or 0 for that"
-            )
-        answer = self._request(product, options, deadline_s, on_progress)
+        query = ProductQuery(self.entry.products, self.entry.deadline_s, self._names.robot)
+        answer = query.answer(request.query, request.deadline_s, self._client, on_progress)
         target, stamp_ns = self._target(answer.header.frame or ""), answer.header.t1_ns
         message = bitstream(answer.value, target, self._types, stamp_ns).messages[0].message
         metadata = {"header": answer.header.to_dict(), "delivered": dict(answer.delivered)}
@@ -149,9 +126,8 @@ class ProductRequests:
     def _request(
         self, product: str, options: Mapping[str, Any], deadline_s: float, on_progress: OnProgress | None
     ) -> Answer:
-        arguments: dict[str, Any] = {_ARGUMENTS[name]: value for name, value in options.items()}
         return self._client.request(
-            product, robot=self._names.robot, deadline_s=deadline_s, on_progress=on_progress, **arguments
+            product, robot=self._names.robot, deadline_s=deadline_s, on_progress=on_progress, **options
         )
 
     def _refusal(self, error: CdffError) -> Any:

@@ -11,7 +11,7 @@ import numpy as np
 
 from cdff_common.errors import InputError
 from cdff_common.geometry import se3
-from cdff_common.types import LidarScan, TransformWithCovariance
+from cdff_common.types import LidarScan, Pointcloud, TransformWithCovariance
 
 #: Returns the name of a frame in ROCK.
 FrameName = Callable[[str], str]
@@ -48,8 +48,8 @@ def rigid_body_state(value: TransformWithCovariance, frame: FrameName, stamp_ns:
     }
 
 
-def point_cloud(value: LidarScan, _: FrameName, stamp_ns: int) -> dict[str, Any]:
-    """Return ``/base/samples/Pointcloud`` of a sweep, which has no frame and no times of points."""
+def point_cloud(value: LidarScan | Pointcloud, _: FrameName, stamp_ns: int) -> dict[str, Any]:
+    """Return ``/base/samples/Pointcloud`` of a sweep or a cloud, without frame and times of points."""
     points = np.zeros(len(value.points_m), _POINT)
     points["data"] = value.points_m
     return {"time": {"microseconds": stamp_ns // _NS_PER_US}, "points": points, "colors": []}
@@ -58,6 +58,7 @@ def point_cloud(value: LidarScan, _: FrameName, stamp_ns: int) -> dict[str, Any]
 _ENCODERS: dict[str, tuple[str, Callable[[Any, FrameName, int], dict[str, Any]]]] = {
     "TransformWithCovariance": ("/base/samples/RigidBodyState", rigid_body_state),
     "LidarScan": ("/base/samples/Pointcloud", point_cloud),
+    "Pointcloud": ("/base/samples/Pointcloud", point_cloud),
 }
 
 

@@ -44,9 +44,7 @@ def lidar_scan(message: Any, topic: Topic, stamp_ns: int) -> tuple[LidarScan, st
     if not np.isfinite(xyz).all():
         finite = np.isfinite(xyz).all(axis=1)
         points, xyz = points[finite], xyz[finite]
-    offsets_ns = _offsets_ns(points, stamp_ns)
-    start_ns = stamp_ns + int(offsets_ns.min(initial=0)) // 1000 * 1000
-    offsets_us = ((offsets_ns + (stamp_ns - start_ns)) // 1000).astype(np.uint32)
+    start_ns, offsets_us = _times(points, stamp_ns)
     name = topic.frame(message.header.frame_id)
     scan = LidarScan.from_arrays(
         xyz,
@@ -117,7 +115,8 @@ def _in_frame(points_m: NDArray[Any], message: Any) -> NDArray[Any]:
 
 
 def _of_16_bits(values: NDArray[Any]) -> NDArray[np.uint16]:
-    return np.asarray(np.clip(np.round(np.nan_to_num(values)), 0, 65535), np.uint16)
+    """Return values as integers from 0 to 65535; NaN is 0."""
+    return np.rint(np.fmin(np.fmax(values, 0.0), 65535.0)).astype(np.uint16)
 
 
 def _structured(message: Any) -> NDArray[Any]:
@@ -160,15 +159,24 @@ def _coordinates(points: NDArray[Any]) -> NDArray[np.float32]:
     return np.stack([points[axis].astype(np.float32) for axis in "xyz"], axis=1)
 
 
-def _offsets_ns(points: NDArray[Any], stamp_ns: int) -> NDArray[np.int64]:
-    """Return the time of each point relative to the header's stamp.
+def _times(points: NDArray[Any], stamp_ns: int) -> tuple[int, NDArray[np.uint32]]:
+    """Return the start of the sweep, and the time of each point after it in microseconds."""
+    offsets_ns = _offsets_ns(points, stamp_ns)
+    if offsets_ns is None:
+        return stamp_ns, np.zeros(len(points), np.uint32)
+    start_ns = stamp_ns + int(offsets_ns.min(initial=0)) // 1000 * 1000
+    return start_ns, ((offsets_ns + (stamp_ns - start_ns)) // 1000).astype(np.uint32)
+
+
+def _offsets_ns(points: NDArray[Any], stamp_ns: int) -> NDArray[np.int64] | None:
+    """Return the time of each point relative to the header's stamp; None without times.
 
     Only numbers of 64 bits can be absolute times.
     """
     names = points.dtype.names or ()
     name = next((n for n in _TIME_FIELDS if n in names), None)
     if name is None:
-        return np.zeros(len(points), np.int64)
+        return None
     times = points[name]
     if times.dtype.kind == "f":
         times = np.round(times.astype(np.float64) * _NS_PER_S)
@@ -185,6 +193,6 @@ def _intensity(points: NDArray[Any]) -> NDArray[np.uint16] | None:
         return None
     if points[name].dtype == np.dtype("<u2"):
         return np.asarray(points[name], np.uint16)
-    values = np.nan_to_num(points[name].astype(np.float64))
+    values = points[name].astype(np.float64)
     factor = 1.0 if points[name].dtype.itemsize == 2 else _INTENSITY_FACTOR
     return _of_16_bits(values * factor)

@@ -7,7 +7,6 @@ from __future__ import annotations
 import json
 import os
 import shlex
-import signal
 import subprocess
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
@@ -18,6 +17,7 @@ import numpy as np
 import pytest
 
 from cdff_common.bus import Bus
+from cdff_common.client import Client
 from cdff_common.clock import wall_ns
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.types import TransformWithCovariance
@@ -25,14 +25,13 @@ from cdff_dev.logs import open_log
 from cdff_dev.logs.formats.pocolog.blocks import read_blocks
 from cdff_dev.logs.formats.pocolog.decoding import decode_sample
 from cdff_dev.logs.formats.pocolog.registry import Registry
-from cdff_dev.ports import free_port
 from services.gateway_rock.gateway import Gateway
 from services.gateway_rock.settings import RockSettings
 from services.rock_types.values import plain
 from tests.integration.conftest import ROOT, Spawn, wait_until
 from tests.support.gateway_traffic import collect_samples, gateway_in_thread, publish_product
+from tests.support.rock_name_service import PEERS, name_service
 
-PEERS = ROOT / "build" / "rock-peers" / "bin"
 IDL = Path(__file__).parent / "rock"
 RECORDED = Path(os.environ.get("CDFF_DATA", "../shared/data")) / "pocolog"
 pytestmark = [
@@ -74,30 +73,6 @@ def _state(stamp_us: int, x_m: float = 1.0) -> dict[str, Any]:
 
 
 @contextmanager
-def name_service(folder: Path) -> Iterator[int]:
-    """Yield the port of a name service."""
-    port = free_port()
-    folder.mkdir()
-    command = [
-        PEERS / "omniNames",
-        "-start",
-        str(port),
-        "-logdir",
-        folder,
-        "-ORBendPoint",
-        f"giop:tcp:127.0.0.1:{port}",
-    ]
-    process = subprocess.Popen(
-        command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
-    )
-    try:
-        yield port
-    finally:
-        os.killpg(process.pid, signal.SIGKILL)  # the program is a script that starts another
-        process.wait()
-
-
-@contextmanager
 def running_task(folder: Path, names_port: int, ports: dict[str, Any]) -> Iterator[Path]:
     """Yield the file of the samples that a task receives, while it runs with samples for its output ports."""
     values, received = folder / "values.json", folder / "received.json"
@@ -117,9 +92,9 @@ def running_task(folder: Path, names_port: int, ports: dict[str, Any]) -> Iterat
 @contextmanager
 def running_gateway(settings: dict[str, Any], endpoint: str, names_port: int) -> Iterator[Gateway]:
     """Yield a gateway that runs in a thread."""
-    with Bus.open(endpoint, name="gateway", wait_s=20.0) as bus:
+    with Bus.open(endpoint, name="gateway", wait_s=20.0) as bus, Client(endpoint) as client:
         model = RockSettings.model_validate({"robot": "mana", "frames": _FRAMES, **settings})
-        gateway = Gateway(model, bus, "127.0.0.1", names_port)
+        gateway = Gateway(model, bus, client, "127.0.0.1", names_port)
         with gateway_in_thread(gateway):
             yield gateway
 

@@ -29,10 +29,10 @@ def test_discovery_uses_the_stated_interface_and_peers_without_multicast() -> No
     ("fields", "message"),
     [
         (
-            {"requests": [{"name": "/a", "type": "grid_map_msgs/srv/GetGridMap"}]},
-            "requests and parameters: expected none",
+            {"requests": [{"name": "/a", "type": "cdff_msgs/action/Request", "products": ["dem"]}]},
+            "request /a: expected a service",
         ),
-        ({"parameters": {"position_manager": ["x"]}}, "requests and parameters: expected none"),
+        ({"parameters": {"position_manager": ["x"]}}, "parameters: expected none"),
         ({"peers": []}, "expected the addresses of the robot's machines, or multicast: true"),
         ({"peers": ['a"/><x y="']}, "String should match pattern"),
         ({"interface": "lo<"}, "String should match pattern"),
