@@ -6,7 +6,7 @@
 
 Router and gateway are processes. A program publishes a ``PointCloud2`` of 1 MB under a key without the
 gateway, and under the key of the topic, in turn, one message at a time; it receives both, the second as a
-sample of MessagePack.
+sample of MessagePack. ``gateway_cpu`` is the CPU time of the gateway's process for a cloud.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 from _report import write_report
-from _services import Services
+from _services import Services, cpu_s
 
 from cdff_common.bus import Bus, Message, keys
 from cdff_common.clock import wall_ns
@@ -34,7 +34,7 @@ from services.ros_messages.type_hashes import message_hash
 
 CLOUD = "sensor_msgs/msg/PointCloud2"
 POINTS = 83_333  # 12 bytes each
-TIMEOUT_S = 20.0
+TIMEOUT_S, _WARM_UP = 20.0, 5
 SETTINGS = f"""robot: mana
 inputs:
   - {{topic: /points, type: {CLOUD}, stream: lidar/scan, frame: mana/lidar, codec: msgpack}}
@@ -62,8 +62,8 @@ def cloud(types: RosTypes, points: Any) -> bytes:
     return bytes(types.serialize(message, CLOUD))
 
 
-def latencies_ms(endpoint: str, rounds: int) -> dict[str, list[float]]:
-    """Return the latencies of messages without and with the gateway."""
+def latencies_ms(endpoint: str, rounds: int, gateway_pid: int) -> tuple[dict[str, list[float]], float]:
+    """Return the latencies of messages without and with the gateway, and its CPU time of a message in ms."""
     types = RosTypes(2)
     topic = rmw_zenoh.data_key(0, "/points", CLOUD, message_hash(types.store.fielddefs, CLOUD))
     targets = {"raw": "benchmark/raw", "gateway": topic}
@@ -85,16 +85,20 @@ def latencies_ms(endpoint: str, rounds: int) -> dict[str, list[float]]:
         client.subscribe(targets["raw"], arrival("raw"))
         client.subscribe(keys.sensor("mana", "lidar", "scan"), arrival("gateway"))
         time.sleep(1.0)
-        for i in range(rounds + 5):
+        start_cpu_s = 0.0
+        for i in range(rounds + _WARM_UP):
             for name, key in targets.items():
                 data = cloud(types, points)
                 attachment = rmw_zenoh.Attachment(i + 1, wall_ns(), bytes(16)).to_bytes()
                 start_s = time.perf_counter()
                 robot.publish(key, data, encoding=rmw_zenoh.ENCODING, attachment=attachment)
                 end_s = received[name].get(timeout=TIMEOUT_S)
-                if i >= 5:
+                if i == _WARM_UP - 1:
+                    start_cpu_s = cpu_s(gateway_pid)
+                if i >= _WARM_UP:
                     latencies_by_route[name].append(1e3 * (end_s - start_s))
-    return latencies_by_route
+        cpu_ms = 1e3 * (cpu_s(gateway_pid) - start_cpu_s) / rounds
+    return latencies_by_route, cpu_ms
 
 
 def main() -> None:
@@ -112,7 +116,7 @@ def main() -> None:
             command += ["--connect", services.endpoint]
             with subprocess.Popen(command, stderr=subprocess.DEVNULL) as gateway:
                 try:
-                    latencies_by_route = latencies_ms(services.endpoint, args.rounds)
+                    latencies_by_route, cpu_ms = latencies_ms(services.endpoint, args.rounds, gateway.pid)
                 finally:
                     gateway.terminate()
     quantiles = {
@@ -123,6 +127,8 @@ def main() -> None:
     report["added"] = {
         q: round(quantiles["gateway"][q] - quantiles["raw"][q], 2) for q in ("p50_ms", "p10_ms")
     }
+    mb_per_cpu_s = round(12e-6 * POINTS / (1e-3 * cpu_ms))
+    report["gateway_cpu"] = {"ms": round(cpu_ms, 2), "mb_per_cpu_s": mb_per_cpu_s}
     write_report({"rounds": args.rounds, **report, "load": round(os.getloadavg()[0], 1)}, args.out)
 
 

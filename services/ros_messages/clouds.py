@@ -116,7 +116,7 @@ def _in_frame(points_m: NDArray[Any], message: Any) -> NDArray[Any]:
 
 def _of_16_bits(values: NDArray[Any]) -> NDArray[np.uint16]:
     """Return values as integers from 0 to 65535; NaN is 0."""
-    return np.rint(np.fmin(np.fmax(values, 0.0), 65535.0)).astype(np.uint16)
+    return np.asarray(np.rint(np.fmin(np.fmax(values, 0.0), 65535.0)), np.uint16)
 
 
 def _structured(message: Any) -> NDArray[Any]:

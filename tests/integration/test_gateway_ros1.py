@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rosbags.rosbag1 import Reader, Writer
 
 from cdff_common.bus import Bus, Message, keys
 from cdff_common.client import Client
@@ -26,6 +27,7 @@ from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.types import Time, TransformWithCovariance
 from cdff_dev.ports import free_port
 from services.dfpc_host.inputs import decode_sample
+from services.ros_messages.message_types import RosTypes
 from tests.integration.conftest import ROOT, process_starter, wait_until
 from tests.support.gateway_traffic import publish_navigation_map, publish_product
 from tests.support.orchestrated_products import patch, put
@@ -208,6 +210,34 @@ def test_the_tools_of_ros_show_the_gateway(bus: Bus, robot: Robot) -> None:
     publish_products(bus)
     echoed = robot.run("rostopic", "echo", "-n", "1", "/map").stdout
     assert "data: [100, 0, 0, -1, 0, 50]" in echoed
+
+
+def test_rosbag_records_a_product_and_plays_a_sensor(bus: Bus, robot: Robot, tmp_path: Path) -> None:
+    publish_products(bus)
+    bag = tmp_path / "map.bag"
+    recorded = robot.run("rosbag", "record", "-l", "1", "-O", str(bag), "/map")
+    assert recorded.returncode == 0, recorded.stderr
+    with Reader(bag) as reader:
+        ((connection, _, data),) = list(reader.messages())
+    types = RosTypes(1)
+    grid = types.deserialize(data, "nav_msgs/msg/OccupancyGrid")
+    assert (connection.topic, list(grid.data)) == ("/map", [100, 0, 0, -1, 0, 50])
+
+    played, transform = tmp_path / "tf.bag", "geometry_msgs/TransformStamped"
+    with Writer(played) as writer:
+        tree = writer.add_connection("/tf", "tf2_msgs/msg/TFMessage", typestore=types.store)
+        for i in range(100):
+            stamp_ns = wall_ns() + 50_000_000 * i
+            zero = types.vector(np.zeros(3))
+            rotation = types.quaternion(np.array([0.0, 0.0, 0.0, 1.0]))
+            motion = types.make("geometry_msgs/Transform", translation=zero, rotation=rotation)
+            header = types.header(stamp_ns, "base_link")
+            edge = types.make(transform, header=header, child_frame_id="mast", transform=motion)
+            message = types.make("tf2_msgs/TFMessage", transforms=[edge])
+            writer.write(tree, stamp_ns, types.serialize(message, "tf2_msgs/msg/TFMessage"))
+    before = status(bus)["inputs"]["/tf mast/pose"]["received"]
+    assert robot.run("rosbag", "play", str(played)).returncode == 0
+    wait_until(lambda: status(bus)["inputs"]["/tf mast/pose"]["received"] > before, 10.0, "played messages")
 
 
 def test_a_parameter_of_the_server_configures_a_dfpc_and_is_replaced_if_refused(
