@@ -20,6 +20,7 @@ from cdff_common.interfaces.dfpc import Dfpc, Output, Sample
 from cdff_common.interfaces.product import CovarianceKind, Quality
 from cdff_common.types import ObjectTrack, TransformWithCovariance
 from cdff_core.dfns.model_preparation.interface import ModelPreparationOutputs
+from cdff_core.object_models.pose_alternatives import PoseAlternatives
 from cdff_core.object_models.prepared import PreparedModels, body_frame
 from cdff_core.object_models.scan_detection import Hypothesis
 from cdff_core.object_models.state_filter import NewTrackConfig, StateFilter, with_rejection
@@ -68,6 +69,7 @@ class BodyTracking(Dfpc):
         self._state: TrackedState | None = None
         self._guess: TransformWithCovariance | None = None
         self._used, self._unused, self._last_used_ns = 0, 0, 0
+        self._alternatives = PoseAlternatives.none()
 
     def on_model(self, sample: Sample) -> Iterable[Output]:
         """Prepare the mesh; a mesh that differs from the previous one ends the track."""
@@ -117,6 +119,7 @@ class BodyTracking(Dfpc):
         self._state = self._filter.start(stamp_ns, pose.matrix, covariance)
         self._track_id += 1
         self._used, self._unused = 0, 0
+        self._alternatives = PoseAlternatives.none()
 
     def _not_used(self, predicted: TrackedState, *, is_contradiction: bool) -> None:
         """Continue with a prediction whose measurement was not used."""
@@ -136,10 +139,15 @@ class BodyTracking(Dfpc):
             self._state = agreeing
             return ["detected"]
         self._start(model, stamp_ns, UncertainTransform(hypotheses[0].T))
+        self._alternatives = PoseAlternatives.of(model, [hypothesis.T for hypothesis in hypotheses])
         reasons = ["new_track"]
-        reasons += [f"ambiguous:{len(hypotheses) - 1}"] if len(hypotheses) > 1 else []
+        reasons += self._ambiguity_reasons()
         reasons += [f"symmetric_model:{len(model.symmetries)}"] if len(model.symmetries) > 1 else []
         return reasons
+
+    def _ambiguity_reasons(self) -> list[str]:
+        """Return the reason while other poses explain the measurements nearly as well."""
+        return [f"ambiguous:{len(self._alternatives)}"] if len(self._alternatives) else []
 
     def _agreeing(self, model: ModelPreparationOutputs, poses: Iterable[FloatArray]) -> TrackedState | None:
         """Return the state corrected with the detected pose (4, 4) that agrees best with it; None if none

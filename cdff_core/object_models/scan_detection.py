@@ -152,7 +152,7 @@ class ScanDetector:
         for i in range(1, len(refined.poses)):
             if refined.costs[i] - refined.costs[0] > self._limits.ambiguity:
                 continue
-            if not any(_is_equivalent(model, refined.poses[i], refined.poses[k]) for k in rows):
+            if not any(are_equivalent(model, refined.poses[i], refined.poses[k]) for k in rows):
                 rows.append(i)
         return rows
 
@@ -206,7 +206,7 @@ def _check_size(model: ModelPreparationOutputs, scan_m: FloatArray) -> None:
         raise RefusedError("the body is smaller than the model", [f"too_small:{ratio:.3g}", "wrong_unit"])
 
 
-def _is_equivalent(model: ModelPreparationOutputs, first: FloatArray, second: FloatArray) -> bool:
+def are_equivalent(model: ModelPreparationOutputs, first: FloatArray, second: FloatArray) -> bool:
     """Return whether two poses are the same, or equivalent because of the symmetry of the model."""
     differences = se3.inverse(first) @ second @ model.symmetries
     centre = np.append(model.centre_m, 1.0)

@@ -16,7 +16,10 @@ from cdff_common.raster.geometry import GridGeometry
 from cdff_common.raster.region import coverage as coverage_of_region
 from cdff_common.raster.region import mask
 from cdff_common.types import (
+    BodyMotion,
     ElevationMap,
+    Frame,
+    Mesh,
     NavigationMap,
     ObjectDetections,
     ObjectTrack,
@@ -73,6 +76,15 @@ def assess_answer(
         yield from _cloud_faults(value, region)
     elif isinstance(value, ObjectTrack):
         yield from _track_faults(request, value)
+    elif isinstance(value, Mesh):
+        if not len(value.data.triangles):
+            yield "a mesh without triangles"
+    elif isinstance(value, Frame):
+        if not value.image.any():
+            yield "a black image"
+    elif isinstance(value, BodyMotion):
+        if not np.isfinite(value.rate):
+            yield "a motion without a rate"
     elif isinstance(value, ObjectDetections):
         if value.frame_id != request.frame:
             yield f"detections in {value.frame_id}, expected {request.frame}"

@@ -34,7 +34,7 @@ def system_arguments() -> argparse.ArgumentParser:
 
 def register(nouns: Any) -> None:
     """Add ``cdff mission`` and ``cdff drive``."""
-    summary = "run a simulated mission with rovers that drive to goals, and score it"
+    summary = "run a simulated mission with guided rovers or a guided servicer, and score it"
     parser = nouns.add_parser("mission", parents=[system_arguments()], help=summary)
     parser.add_argument(
         "mission", help="a shipped mission (return_to_base), a mission file (.yaml), or 'list'"
@@ -49,7 +49,7 @@ def register(nouns: Any) -> None:
     parser.set_defaults(run=_mission, parser=parser)
 
     parser = nouns.add_parser(
-        "drive", help="simulate rovers that execute drive commands, and publish the mission clock"
+        "drive", help="simulate rovers or a servicer that execute commands, and publish the mission clock"
     )
     parser.add_argument("scenario", help="a shipped scenario's name or a scenario file (.yaml)")
     parser.add_argument("--seed", type=int, help="replaces the scenario's seed")
@@ -118,10 +118,10 @@ def keep_logs(stage: Stage, print_line: Callable[[str], None]) -> None:
 
 def _mission(args: argparse.Namespace) -> int:
     """Run a mission; return 0 if all its limits are met, else 1."""
-    from cdff_common.errors import ConfigurationError
     from cdff_common.interfaces.profile import load_profile
     from cdff_common.resources import deploy_folder, resolve
     from cdff_dev.missions.mission_run import run
+    from cdff_dev.missions.orbit.script import is_orbital
     from cdff_dev.missions.report import write_report
     from cdff_dev.missions.script import check_fits, load_mission
     from cdff_dev.shipped.commands import print_shipped
@@ -130,10 +130,11 @@ def _mission(args: argparse.Namespace) -> int:
     if args.mission == "list":
         return print_shipped("missions", as_json=args.json)
     path = resolve("missions", args.mission)
+    if is_orbital(path):
+        return _orbit_mission(args, path)
     mission = load_mission(path)
     speed = mission.speed if args.speed is None else args.speed
-    if not 0.0 < speed <= 100.0:
-        raise ConfigurationError(f"--speed {speed:g}: expected above 0, at most 100")
+    _check_speed(speed)
     check_outputs(args)
     scenario = load_scenario(mission.scenario, args.seed)
     profile_path = deploy_folder() / "profiles" / f"{mission.profile}.yaml"
@@ -164,27 +165,83 @@ def _mission(args: argparse.Namespace) -> int:
     return int(bool(result.faults))
 
 
+def _check_speed(speed: float) -> None:
+    """Raise ConfigurationError unless a speed is possible."""
+    from cdff_common.errors import ConfigurationError
+
+    if not 0.0 < speed <= 100.0:
+        raise ConfigurationError(f"--speed {speed:g}: expected above 0, at most 100")
+
+
+def _orbit_mission(args: argparse.Namespace, path: Path) -> int:
+    """Run a mission in orbit; return 0 if all its limits are met, else 1."""
+    from cdff_common.errors import ConfigurationError
+    from cdff_common.interfaces.profile import load_profile
+    from cdff_common.resources import deploy_folder
+    from cdff_dev.missions.orbit.mission_run import run
+    from cdff_dev.missions.orbit.report import write_report
+    from cdff_dev.missions.orbit.script import check_fits, load_orbit_mission
+    from cdff_dev.simulate.orbit.scenario import OrbitScenario
+    from cdff_dev.simulate.scenario_files import load_any_scenario
+
+    mission = load_orbit_mission(path)
+    speed = mission.speed if args.speed is None else args.speed
+    _check_speed(speed)
+    check_outputs(args)
+    scenario = load_any_scenario(mission.scenario, args.seed)
+    if not isinstance(scenario, OrbitScenario):
+        raise ConfigurationError(f"scenario {mission.scenario}: expected one of kind orbit")
+    profile_path = deploy_folder() / "profiles" / f"{mission.profile}.yaml"
+    check_fits(mission, load_profile(profile_path), scenario)
+
+    def print_unless_json(text: str) -> None:
+        if not args.json:
+            print_line(text)
+
+    with running_system(args, profile_path, print_unless_json) as (stage, bus):
+        result = run(path.stem, mission, scenario, stage, bus, speed, print_unless_json)
+        if result.faults:
+            keep_logs(stage, print_unless_json)
+    for line in (*result.lines(), *(f"FAIL {fault}" for fault in result.faults)):
+        print_unless_json(line)
+    if args.json:
+        summary = {"mission": path.stem, "kind": "orbit", "faults": result.faults, **result.to_dict()}
+        print(json.dumps(summary, allow_nan=False))
+    if args.report is not None:
+        write_report(args.report, result)
+        print_unless_json(f"the report is in {args.report}")
+    return int(bool(result.faults))
+
+
 def _drive(args: argparse.Namespace) -> int:
-    """Simulate the rovers of a scenario, which commands drive; return the exit code."""
+    """Simulate the rovers or the servicer of a scenario, which commands move; return the exit code."""
     from cdff_common.bus import Bus
     from cdff_common.output import make_folder
     from cdff_common.process import run_service
     from cdff_dev.logs import LogWriter
     from cdff_dev.missions import drive_commands
     from cdff_dev.missions.driven_log import GrowingLog
+    from cdff_dev.missions.orbit import commands as orbit_commands
+    from cdff_dev.missions.orbit.guided_log import GuidedLog
     from cdff_dev.play.player import Player
-    from cdff_dev.simulate.scenario import load_scenario
+    from cdff_dev.simulate.scenario import Scenario
+    from cdff_dev.simulate.scenario_files import load_any_scenario
     from cdff_dev.simulate.world import make_world
 
     def simulate(stop: threading.Event) -> None:
-        world = make_world(load_scenario(args.scenario, args.seed))
+        scenario = load_any_scenario(args.scenario, args.seed)
         with ExitStack() as stack:
             truth_log = (
                 None if args.truth is None else stack.enter_context(LogWriter(make_folder(args.truth)))
             )
-            log = GrowingLog(world, truth_log)
             bus = stack.enter_context(Bus.open(args.connect, name="simulator"))
-            drive_commands.serve(bus, log)
+            log: GrowingLog | GuidedLog
+            if isinstance(scenario, Scenario):
+                log = GrowingLog(make_world(scenario), truth_log)
+                drive_commands.serve(bus, log)
+            else:
+                log = GuidedLog(scenario, truth_log)
+                orbit_commands.serve(bus, log)
             player = Player(
                 bus,
                 log,

@@ -30,7 +30,7 @@ _ELLIPSES, _SIGMAS = 12, 3.0
 _CELLS, _MARGIN_M = 400, 12.0
 #: Width and height of an error plot, SVG units, and its largest number of points.
 _WIDTH, _HEIGHT, _POINTS = 1000.0, 220.0, 600
-_STYLE = (
+PAGE_STYLE = (
     "body{font:15px sans-serif;max-width:60em;margin:2em auto;padding:0 1em}"
     "td,th{text-align:left;padding:.2em .8em .2em 0;vertical-align:top}"
     ".fail{color:#b00020}svg{width:100%;background:#eee}"
@@ -101,7 +101,8 @@ def write_report(path: Path, report: Report) -> None:
 def _page(report: Report) -> Iterator[str]:
     """Yield the HTML of the report."""
     title = html.escape(report.title)
-    yield f"<!doctype html><meta charset=utf-8><title>{title}</title><style>{_STYLE}</style><h1>{title}</h1>"
+    yield f"<!doctype html><meta charset=utf-8><title>{title}</title><style>{PAGE_STYLE}</style>"
+    yield f"<h1>{title}</h1>"
     yield from (f"<p>{html.escape(text)}</p>" for text in report.paragraphs)
     yield from (f"<p class=fail>{html.escape(fault)}</p>" for fault in report.faults)
     if report.tracks:
@@ -113,20 +114,20 @@ def _page(report: Report) -> Iterator[str]:
             yield f"<p>{html.escape(str(track))}</p>"
             yield from _error_plot(track)
     if report.arrivals:
-        yield from _section("Tasks", ("robot", "task", "completed at"), _task_rows(report))
+        yield from table_section("Tasks", ("robot", "task", "completed at"), _task_rows(report))
     if report.guidance_requests:
         guidance_columns = ("robot", "request", "number", "median duration", "longest", "last answer")
         rows = _guidance_rows(report.guidance_requests)
-        yield from _section("Requests of the guidance", guidance_columns, rows)
+        yield from table_section("Requests of the guidance", guidance_columns, rows)
     if report.outcomes:
         columns = ("sent at", "request", "answer", "duration")
         failed = {row for row, outcome in enumerate(report.outcomes) if outcome.faults}
-        yield from _section("Requests and answers", columns, map(_outcome_row, report.outcomes), failed)
+        yield from table_section("Requests and answers", columns, map(outcome_row, report.outcomes), failed)
     resources = ((p.name, f"{p.cpu_s:.1f} s", f"{p.memory_mb:.0f} MB") for p in report.processes)
-    yield from _section("Resources", ("process", "CPU", "memory"), resources)
+    yield from table_section("Resources", ("process", "CPU", "memory"), resources)
 
 
-def _section(
+def table_section(
     title: str, columns: Sequence[str], rows: Iterable[Sequence[str]], failed: Collection[int] = ()
 ) -> Iterator[str]:
     """Yield a heading and a table; ``failed`` are the indices of rows that are marked as failed."""
@@ -137,7 +138,8 @@ def _section(
     yield "</table>"
 
 
-def _outcome_row(outcome: Outcome) -> Sequence[str]:
+def outcome_row(outcome: Outcome) -> Sequence[str]:
+    """Return time, request, answer and duration of a request."""
     text = "; ".join(outcome.faults) or outcome.summary
     return f"{outcome.request.at_s:g} s", outcome.request.title, text, f"{outcome.duration_s:.1f} s"
 
@@ -187,7 +189,7 @@ def _drawing(tracks: Sequence[Track], ground: ElevationMap | None) -> Iterator[s
             (track.positions_m, colour, 0.15),
         ):
             step = -(-len(points) // 1000) or 1
-            yield _polyline(points[::step, 0], -points[::step, 1], stroke, size * width / 40.0)
+            yield polyline(points[::step, 0], -points[::step, 1], stroke, size * width / 40.0)
         for row in np.unique(np.linspace(0, len(track.stamps_ns) - 1, _ELLIPSES).astype(int)):
             values, vectors = np.linalg.eigh(track.covariances[row][:2, :2])
             rx, ry = _SIGMAS * np.sqrt(np.maximum(values[::-1], 0.0))
@@ -220,12 +222,13 @@ def _error_plot(track: Track) -> Iterator[str]:
     for values_m, colour in ((bound_m, "#999"), (error_m, "#d95f02")):
         step = -(-len(seconds) // _POINTS)
         x = _WIDTH * seconds[::step] / max(seconds[-1], 1e-9)
-        yield _polyline(x, _HEIGHT * (1.0 - np.minimum(values_m[::step] / scale_m, 1.0)), colour, 1.5)
+        yield polyline(x, _HEIGHT * (1.0 - np.minimum(values_m[::step] / scale_m, 1.0)), colour, 1.5)
     yield f'<text x="4" y="14" font-size="13">{scale_m:.3f} m</text>'
     yield f'<text x="{_WIDTH - 90:g}" y="{_HEIGHT + 15:g}" font-size="13">{seconds[-1]:.0f} s</text></svg>'
     yield "<p>Orange: position error. Grey: three stated standard deviations of the worst direction.</p>"
 
 
-def _polyline(x: FloatArray, y: FloatArray, colour: str, width: float) -> str:
+def polyline(x: FloatArray, y: FloatArray, colour: str, width: float) -> str:
+    """Return an SVG line through points (n,), SVG units."""
     points = " ".join(f"{a:.2f},{b:.2f}" for a, b in zip(x, y, strict=True))
     return f'<polyline points="{points}" fill="none" stroke="{colour}" stroke-width="{width:.3f}"/>'

@@ -23,7 +23,7 @@ from cdff_common.formats.geotiff import read_map
 from cdff_common.geometry.region import Region, parse_region
 from cdff_common.interfaces.product import Quality
 from cdff_common.mission_clock import MissionClock
-from cdff_common.types import ObjectTrack
+from cdff_common.types import Mesh, ObjectTrack
 from cdff_core.orchestration.accuracy import sigmas_of
 from cdff_dev.missions.answer_assessment import assess_answer
 from cdff_dev.missions.script import TimedRequest
@@ -38,7 +38,8 @@ CLOCK_S = 60.0
 class Outcome:
     """Outcome of a request; it has no faults if the answer satisfies the request.
 
-    ``explanation`` is that of the orchestrator before the request, one item a line.
+    ``explanation`` is that of the orchestrator before the request, one item a line; ``answer`` is None after
+    an error.
     """
 
     request: TimedRequest
@@ -46,6 +47,7 @@ class Outcome:
     duration_s: float
     summary: str = ""
     explanation: tuple[str, ...] = ()
+    answer: Answer | None = None
 
     @property
     def text(self) -> str:
@@ -100,7 +102,7 @@ def run_requests(
         while clock.now_ns() < start_ns + int(request.at_s * NS_PER_S):
             time.sleep(0.02)
         try:
-            outcome = _send(request, clock, connect, http)
+            outcome = send_request(request, clock, connect, http)
         except Exception as error:  # noqa: BLE001  # a bug must count as a failed request
             outcome = Outcome(request, (f"{type(error).__name__}: {error}",), 0.0)
         outcomes[index] = outcome
@@ -117,8 +119,8 @@ def run_requests(
     return [o for o in outcomes if o is not None]
 
 
-def _send(request: TimedRequest, clock: MissionClock, connect: str, http: str) -> Outcome:
-    """Send a request and return its outcome with the faults of the answer."""
+def send_request(request: TimedRequest, clock: MissionClock, connect: str, http: str) -> Outcome:
+    """Send a request at once and return its outcome with the faults of the answer."""
     start_s = time.monotonic()
     explanation: tuple[str, ...] = ()
     try:
@@ -136,7 +138,7 @@ def _send(request: TimedRequest, clock: MissionClock, connect: str, http: str) -
         return Outcome(request, tuple(faults), time.monotonic() - start_s, explanation=explanation)
     if not any(_is_available(http, id_) for id_ in (answer.header.id, *answer.header.inputs[:20])):
         faults.append(f"neither product {answer.header.id} nor its inputs is available over HTTP")
-    return Outcome(request, tuple(faults), duration_s, _summary(answer, value), explanation)
+    return Outcome(request, tuple(faults), duration_s, _summary(answer, value), explanation, answer)
 
 
 def plan_lines(explanation: dict[str, Any]) -> list[str]:
@@ -201,6 +203,8 @@ def _summary(answer: Answer, value: Any) -> str:
     if isinstance(value, ObjectTrack):
         has_bearings = len(value.data.bearings) > 0
         parts.append(_bearing_text(value, answer.header.quality) if has_bearings else _pose_text(value))
+    elif isinstance(value, Mesh):
+        parts.append(f"{len(value.data.triangles)} triangles in {value.metadata.frame_id}")
     elif hasattr(value, "stamps_ns"):
         parts.append(f"{len(value.stamps_ns)} poses")
     if delivered.get("coverage") is not None:

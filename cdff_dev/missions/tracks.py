@@ -211,9 +211,11 @@ def estimated_track(profile: Profile, robot: str, http: str, truth: Truth, state
     )
 
 
-def pose_series(http: str, robot: str, child: str, state: int | None = None) -> list[dict[str, Any]]:
-    """Return all poses of a frame of a robot in site, from the DPM over HTTP, page by page."""
-    query: dict[str, Any] = {"robot": robot, "frame": "site", "child": child, "limit": _PAGE}
+def pose_series(
+    http: str, robot: str, child: str, state: int | None = None, frame: str = "site"
+) -> list[dict[str, Any]]:
+    """Return all poses of a child frame in a frame, from the DPM over HTTP, page by page."""
+    query: dict[str, Any] = {"robot": robot, "frame": frame, "child": child, "limit": _PAGE}
     query |= {} if state is None else {"frames_revision": state}
     items: list[dict[str, Any]] = []
     while True:

@@ -13,6 +13,7 @@ import numpy as np
 
 from cdff_common.arrays import FloatArray
 from cdff_common.errors import RefusedError
+from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.geometry.direction_names import direction_names
 from cdff_common.interfaces.dfpc import Output, Sample
 from cdff_common.interfaces.product import Quality
@@ -68,7 +69,8 @@ class LidarTargetTracking(BodyTracking, LidarTargetTrackingInterface):
         """Create the DFNs, clear the state, offer the store item."""
         cfg, seed = self.config, self.context.seed
         limits = DetectionLimits(cfg.sigma_m, cfg.min_points, cfg.min_score, _AMBIGUITY)
-        self._detector = ScanDetector(self.dfn("search", seed=seed), self.dfn("refine", seed=seed), limits)
+        self._refine = self.dfn("refine", seed=seed)
+        self._detector = ScanDetector(self.dfn("search", seed=seed), self._refine, limits)
         self._fitter = ScanFitter(self.dfn("deskew"), self.dfn("registration"))
         compile_kernels()
         self.setup_track()
@@ -126,7 +128,7 @@ class LidarTargetTracking(BodyTracking, LidarTargetTrackingInterface):
             reasons.append(fault)
             fit, fault = self._fit(model, predicted_state, scan)
         if fit is not None and not fault:
-            return self._used_fit(sample, model, predicted_state, fit, reasons)
+            return self._used_fit(sample, model, predicted_state, fit, reasons, scan)
         self._not_used(predicted_state, is_contradiction=fit is not None and fit.distance > self._gate)
         is_uncertain = bool(_uncertain_position(model, predicted_state)) or (
             float(np.diag(predicted_state.covariance)[3:6].max()) > _UNCERTAIN_RAD**2
@@ -142,9 +144,13 @@ class LidarTargetTracking(BodyTracking, LidarTargetTrackingInterface):
         predicted_state: TrackedState,
         fit: ScanFit,
         reasons: list[str],
+        scan: _Scan | None,
     ) -> Iterable[Output]:
-        """Use a corrected state and publish it."""
+        """Use a corrected state and publish it; compare it with its alternatives in a scan, if given."""
         self._use(model, predicted_state, fit)
+        if scan is not None and len(self._alternatives):
+            self._compare_alternatives(model, fit.state, scan)
+            reasons = [*reasons, *self._ambiguity_reasons()]
         return self._published(
             sample, reasons + [f"degenerate:{name}" for name in _weak_names(fit)], self._metrics(fit)
         )
@@ -159,6 +165,29 @@ class LidarTargetTracking(BodyTracking, LidarTargetTrackingInterface):
         if not self.config.sigma_m:
             noise_m = bounded_noise(fit.sigma_m, model.diameter_m)
             self._sigma_m += _NOISE_GAIN * (noise_m - self._sigma_m)
+
+    def _compare_alternatives(self, model: ModelPreparationOutputs, state: TrackedState, scan: _Scan) -> None:
+        """Exclude alternatives to the track that the scan contradicts, or continue the track with one of
+        them if it explains the scans since the detection better.
+        """
+        centre_m = se3.transform_points(state.T, model.centre_m[None])[0]
+        near = np.linalg.norm(scan.points_m - centre_m, axis=1) < model.diameter_m
+        if near.sum() < self.config.min_points:
+            return
+        self._alternatives = self._alternatives.compared(
+            self._refine, model, state.T, scan.points_m[near], self._sigma_m, _AMBIGUITY
+        )
+        row = self._alternatives.best(_AMBIGUITY)
+        if row is None:
+            return
+        alternatives = self._alternatives
+        T_body_alternative = alternatives.T_body_alternative[row]
+        self._start(model, state.stamp_ns, UncertainTransform(state.T @ T_body_alternative))
+        assert self._state is not None
+        rate = T_body_alternative[:3, :3].T @ state.rate
+        self._state = self._used_state = replace(self._state, velocity=state.velocity, rate=rate)
+        self._used = 1
+        self._alternatives = alternatives.replaced(row)
 
     def _is_underestimated(self, fit: ScanFit) -> bool:
         """Return whether the covariance of the prediction is too small: the scan agrees with the model, and
@@ -223,7 +252,7 @@ class LidarTargetTracking(BodyTracking, LidarTargetTrackingInterface):
         if fit is None or fault:
             self._state = predicted_state
             return self._published(sample, [*names, fault], self._metrics(fit))
-        return self._used_fit(sample, model, predicted_state, fit, names)
+        return self._used_fit(sample, model, predicted_state, fit, names, None)
 
     def _detect(self, model: ModelPreparationOutputs, points_m: FloatArray) -> list[Hypothesis]:
         """Return the hypotheses of the body of the scan that agrees best; RefusedError if none does."""

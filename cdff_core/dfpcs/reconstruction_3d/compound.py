@@ -113,11 +113,25 @@ class Reconstruction3D(Reconstruction3DInterface):
         if self._frames not in (("", ""), frames):
             raise InputError(f"{self.name}: pose of frames {frames}, expected {self._frames}")
         self._frames = frames
+        if self._is_uncertain(sample.value.transform):
+            self._drops["uncertain_pose"] += 1
+            return []
         self._poses.insert(sample.stamp_ns, sample.value.transform)
         outputs = list(self._process_queue(is_last=False))
         oldest_ns = min((queued.stamp_ns for queued in self._queue), default=sample.stamp_ns)
         self._poses.evict_before(min(oldest_ns, sample.stamp_ns - round(2e9 * self.config.max_pose_gap_s)))
         return outputs
+
+    def _is_uncertain(self, pose: UncertainTransform) -> bool:
+        """Return whether a pose is less accurate than required; an unknown covariance is accepted."""
+        if pose.covariance is None:
+            return False
+        limits = self.config.max_pose_sigma_m, self.config.max_pose_sigma_rad
+        blocks = pose.covariance[:3, :3], pose.covariance[3:, 3:]
+        return any(
+            limit is not None and float(np.linalg.eigvalsh(block)[-1]) > limit**2
+            for limit, block in zip(limits, blocks, strict=True)
+        )
 
     def finish(self) -> Iterable[Output]:
         """Process the waiting captures, publish the surface."""

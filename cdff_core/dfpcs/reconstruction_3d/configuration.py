@@ -36,6 +36,12 @@ class Reconstruction3DConfig(DfpcConfig):
     max_pose_gap_s: float = Field(
         0.5, gt=0, le=86400, description="Time between two poses, s, above which none is interpolated"
     )
+    max_pose_sigma_m: float | None = Field(
+        None, gt=0, le=1e6, description="Poses with a larger standard deviation of the position are excluded"
+    )
+    max_pose_sigma_rad: float | None = Field(
+        None, gt=0, le=3, description="Poses with a larger standard deviation of the rotation are excluded"
+    )
     depth_sigma_m: float = Field(
         0.001, gt=0, le=1000, description="Standard deviation of a depth at small distance, m"
     )

@@ -8,12 +8,14 @@ be a thousand times larger.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
 
 from cdff_common.clock import NS_PER_S
-from cdff_common.errors import ConfigurationError
+from cdff_common.errors import ConfigurationError, InputError
 from cdff_common.geometry import se3
 from cdff_common.geometry.se3 import FloatArray
 from cdff_common.stars.aberration import ASTRONOMICAL_UNIT_M
@@ -23,13 +25,15 @@ from cdff_dev.simulate.orbit.environment import sun_positions_m
 from cdff_dev.simulate.orbit.kepler import EllipticOrbit, lvlh_axes, relative_orbit, relative_states
 from cdff_dev.simulate.orbit.path import RelativePath
 from cdff_dev.simulate.orbit.random_streams import generator
-from cdff_dev.simulate.orbit.scenario import Client, Companion, OrbitScenario, Pointing
+from cdff_dev.simulate.orbit.scenario import Client, Companion, Line, OrbitScenario, Pointing
 
 #: Half step of numerical derivatives of attitudes and of positions, seconds.
 _RATE_STEP_S, _ACCELERATION_STEP_S = 1e-3, 0.05
 #: Times at which the path is checked, smallest distance from the client, and sine of the smallest angle
 #: between line of sight and upward axis.
 _PATH_CHECKS, _APART_M, _AXIS_SINE = 2000, 0.01, 0.05
+#: Positions at which a commanded line is checked.
+_LINE_CHECKS = 200
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -139,6 +143,42 @@ class OrbitMotion:
         if self.reference is not None:
             gravity += mu * client / np.linalg.norm(client, axis=1, keepdims=True) ** 3
         return np.asarray(total - gravity)
+
+    @contextmanager
+    def tentative_move(self, displacement_m: FloatArray, start_s: float, duration_s: float) -> Iterator[None]:
+        """Continue the path of the servicer with a motion on a straight line, from rest to rest.
+
+        If the block raises an error, the motion is removed again.
+
+        Parameters
+        ----------
+        displacement_m : ndarray (3,)
+            Inertial axes at ``start_s``.
+
+        Raises
+        ------
+        InputError
+            If the line comes so close to the client or to the axis near which z of the servicer is kept that
+            no attitude towards the client is continuous.
+        """
+        R_inertial_path = self.path_axes(np.array([start_s]))[0]
+        start_m = self._path.positions_m(np.array([start_s]))[0]
+        end_m = start_m + R_inertial_path.T @ displacement_m
+        line_m = start_m + np.linspace(0.0, 1.0, _LINE_CHECKS)[:, None] * (end_m - start_m)
+        distances_m = np.linalg.norm(line_m, axis=1)
+        sines = np.linalg.norm(np.cross(line_m, self._upward), axis=1) / np.maximum(distances_m, _APART_M)
+        if distances_m.min() < _APART_M or sines.min() < _AXIS_SINE:
+            raise InputError(
+                f"displacement {np.round(displacement_m, 2).tolist()} m: passes the client or its upward "
+                "axis; expected a line around them"
+            )
+        to_m = (float(end_m[0]), float(end_m[1]), float(end_m[2]))
+        self._path.append(Line(kind="line", to_m=to_m, duration_s=duration_s), start_s)
+        try:
+            yield
+        except BaseException:
+            self._path.remove_last()
+            raise
 
     # -- attitudes
 

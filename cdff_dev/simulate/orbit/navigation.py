@@ -39,10 +39,15 @@ class AttitudeTrack:
     covariances: FloatArray
 
 
+def star_tracker_bias(model: StarTracker, rng: np.random.Generator) -> FloatArray:
+    """Return the constant error (3,) of a star tracker, axes of the tracker, rad."""
+    return np.asarray(_ARCSEC * model.bias_sigma_arcsec * rng.standard_normal(3))
+
+
 def star_tracker_attitudes(
-    model: StarTracker, motion: OrbitMotion, t_s: FloatArray, rng: np.random.Generator
+    model: StarTracker, motion: OrbitMotion, t_s: FloatArray, bias: FloatArray, rng: np.random.Generator
 ) -> AttitudeTrack:
-    """Return the attitudes measured at times (n,)."""
+    """Return the attitudes measured at times (n,), with the constant error (3,) of the tracker."""
     R_base_tracker = model.mount.matrix()[:3, :3]
     R = motion.base_attitudes(t_s)
     boresights = R @ R_base_tracker[:, 0]
@@ -58,7 +63,6 @@ def star_tracker_attitudes(
             blinded |= off_axis_rad(boresights[i], -light.earth_m / distance) < limb
         valid.append(not blinded)
     sigma = _ARCSEC * np.array([model.roll_sigma_arcsec, model.cross_sigma_arcsec, model.cross_sigma_arcsec])
-    bias = _ARCSEC * model.bias_sigma_arcsec * rng.standard_normal(3)
     errors = (bias + sigma * rng.standard_normal((len(t_s), 3))) @ R_base_tracker.T
     # R_inertial_base Exp(error) = Exp(R_inertial_base error) R_inertial_base.
     measured = R @ se3.exp_so3(errors)
@@ -90,13 +94,23 @@ def gnss_states(
     model: Gnss, motion: OrbitMotion, t_s: FloatArray, rng: np.random.Generator
 ) -> tuple[FloatArray, FloatArray]:
     """Return measured positions (n, 3), m, and velocities (n, 3), m/s, inertial axes, at times (n,)."""
-    positions_m, velocities_m_s = motion.servicer_states(t_s)
-    slow = np.empty((len(t_s), 3))
-    value = model.slow_sigma_m * rng.standard_normal(3)
+    slow = model.slow_sigma_m * rng.standard_normal(3)
+    normals = rng.standard_normal((len(t_s), 3))
+    slow_m = np.array([slow := next_slow_error(model, slow, normal) for normal in normals])
+    return measured_states(model, motion, t_s, slow_m, rng)
+
+
+def next_slow_error(model: Gnss, slow_m: FloatArray, normal: FloatArray) -> FloatArray:
+    """Return the slow error (3,) one period after ``slow_m``, metres; ``normal`` are random numbers (3,)."""
     keep = math.exp(-1.0 / (model.rate_hz * model.slow_s))
-    for i, normal in enumerate(rng.standard_normal((len(t_s), 3))):
-        value = keep * value + model.slow_sigma_m * math.sqrt(1.0 - keep**2) * normal
-        slow[i] = value
+    return np.asarray(keep * slow_m + model.slow_sigma_m * math.sqrt(1.0 - keep**2) * normal)
+
+
+def measured_states(
+    model: Gnss, motion: OrbitMotion, t_s: FloatArray, slow_m: FloatArray, rng: np.random.Generator
+) -> tuple[FloatArray, FloatArray]:
+    """Return positions and velocities (n, 3) measured at times (n,) with slow errors (n, 3)."""
+    positions_m, velocities_m_s = motion.servicer_states(t_s)
     position_noise = model.position_sigma_m * rng.standard_normal(positions_m.shape)
     velocity_noise = model.velocity_sigma_m_s * rng.standard_normal(positions_m.shape)
-    return positions_m + slow + position_noise, velocities_m_s + velocity_noise
+    return positions_m + slow_m + position_noise, velocities_m_s + velocity_noise

@@ -59,6 +59,19 @@ class RelativePath:
             result[index == i] = self._segments[i](t_s[index == i])
         return result
 
+    def append(self, segment: Line | Hold, start_s: float) -> None:
+        """Continue the path with a segment from the position at ``start_s``, after the last segment began."""
+        if start_s < self._starts_s[-1]:
+            raise InputError(f"start_s={start_s:g}: expected at least {self._starts_s[-1]:g}")
+        positions = self._segment(segment, self.positions_m(np.array([start_s]))[0], start_s)
+        self._starts_s.append(start_s)
+        self._segments.append(positions)
+
+    def remove_last(self) -> None:
+        """Remove the segment that was appended last."""
+        self._starts_s.pop()
+        self._segments.pop()
+
     def _segment(
         self, segment: Hold | Line | Transfer | Drift | Circle, start_m: FloatArray, start_s: float
     ) -> Positions:

@@ -21,6 +21,7 @@ STREAMS = {
     "star_tracker": 106,
     "imu": 107,
     "gnss": 108,
+    "thrust": 109,
 }
 
 

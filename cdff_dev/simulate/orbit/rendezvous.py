@@ -30,7 +30,13 @@ from cdff_common.types import (
 from cdff_dev.simulate.lidar import Scan
 from cdff_dev.simulate.orbit.images import CameraImage, CameraSimulator
 from cdff_dev.simulate.orbit.motion import OrbitMotion
-from cdff_dev.simulate.orbit.navigation import gnss_states, imu_track, star_tracker_attitudes
+from cdff_dev.simulate.orbit.navigation import (
+    AttitudeTrack,
+    gnss_states,
+    imu_track,
+    star_tracker_attitudes,
+    star_tracker_bias,
+)
 from cdff_dev.simulate.orbit.random_streams import generator
 from cdff_dev.simulate.orbit.scans import LidarSimulator
 from cdff_dev.simulate.orbit.scenario import OrbitScenario
@@ -109,7 +115,7 @@ def simulate_orbit(
                 completed_tasks += 1
                 if progress is not None:
                     progress(completed_tasks, len(tasks))
-            yield entry, _rendered_value(scenario, entry, values[entry.render])
+            yield entry, rendered_value(scenario, entry, values[entry.render])
             waiting[entry.render] -= 1
             if waiting[entry.render] == 0:
                 del values[entry.render]
@@ -124,14 +130,14 @@ def _times_s(sensor: Any, duration_s: float) -> FloatArray:
 def _entries(scenario: OrbitScenario) -> Iterator[Entry]:
     """Yield the entries of the log of a rendezvous."""
     motion = OrbitMotion(scenario)
-    yield from _truth(scenario, motion)
+    yield from true_states(scenario, motion, sample_times_us(scenario.truth_rate_hz, scenario.duration_s))
     yield from _navigation(scenario, motion)
     name = scenario.servicer.name
     last_ns = scenario.epoch_ns + round(scenario.duration_s * NS_PER_S)
     for camera, model in scenario.servicer.cameras.items():
         frame = f"{name}/{camera}"
         for i, t_s in enumerate(_times_s(model, scenario.duration_s)):
-            at = _stamp_ns(scenario, t_s)
+            at = stamp_of(scenario, t_s)
             streams = [f"/{name}/{camera}.image", *(f"/{name}/truth.{camera}_{k}" for k in IMAGE_TRUTH)]
             for stream in streams:
                 yield Entry(
@@ -141,7 +147,7 @@ def _entries(scenario: OrbitScenario) -> Iterator[Entry]:
         stream = f"/{name}/{lidar}.scan"
         truth = f"/{name}/truth.{lidar}_target"
         for i, t_s in enumerate(_times_s(sensor, scenario.duration_s)):
-            t0_ns, t1_ns = _stamp_ns(scenario, t_s), _stamp_ns(scenario, t_s + sensor.sweep_s)
+            t0_ns, t1_ns = stamp_of(scenario, t_s), stamp_of(scenario, t_s + sensor.sweep_s)
             if t1_ns > last_ns:
                 continue
             head = header(scenario, stream, i, t0_ns, t1_ns, f"{name}/{lidar}")
@@ -150,23 +156,28 @@ def _entries(scenario: OrbitScenario) -> Iterator[Entry]:
                 [motion.poses_in_base(b.name, np.array([t_s + sensor.sweep_s]))[0] for b in scenario.bodies]
             )
             poses = {body.name: T[k] for k, body in enumerate(scenario.bodies)}
-            value = _detections(poses, t1_ns, f"{name}/{lidar}")
+            value = true_detections(poses, t1_ns, f"{name}/{lidar}")
             yield Entry(truth, t1_ns, header(scenario, truth, i, t1_ns, t1_ns, f"{name}/{lidar}"), value)
 
 
-def _stamp_ns(scenario: OrbitScenario, t_s: float) -> int:
+def stamp_of(scenario: OrbitScenario, t_s: float) -> int:
+    """Return the mission time, nanoseconds, of a time since the epoch, seconds."""
     return scenario.epoch_ns + round(float(t_s) * 1e6) * 1000
 
 
-def _truth(scenario: OrbitScenario, motion: OrbitMotion) -> Iterator[Entry]:
-    """Yield true poses and states of servicer, client and companions."""
-    t_us = sample_times_us(scenario.truth_rate_hz, scenario.duration_s)
+def true_states(
+    scenario: OrbitScenario, motion: OrbitMotion, t_us: np.ndarray, first: int = 0
+) -> Iterator[Entry]:
+    """Yield true poses and states of servicer, client and companions at times (n,), microseconds.
+
+    ``first`` is the number of the first sample in its stream.
+    """
     t_s = t_us * 1e-6
     position, velocity = motion.servicer_states(t_s)
     R_base = motion.base_attitudes(t_s)
     rates = np.einsum("nij,nj->ni", R_base, motion.base_rates(t_s))
     name = scenario.servicer.name
-    yield from _true_states(scenario, name, f"{name}/base", t_us, (position, velocity, R_base, rates))
+    yield from _true_states(scenario, name, f"{name}/base", t_us, (position, velocity, R_base, rates), first)
     centre = motion.client_positions_m(t_s)
     for body in scenario.bodies:
         R = motion.body_attitudes(body.name, t_s)
@@ -183,6 +194,7 @@ def _truth(scenario: OrbitScenario, motion: OrbitMotion) -> Iterator[Entry]:
             f"{body.name}/body",
             t_us,
             (at, (ahead - behind) / (2.0 * half_step_s), R, spin),
+            first,
         )
 
 
@@ -192,6 +204,7 @@ def _true_states(
     frame: str,
     t_us: np.ndarray,
     states: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
+    first: int,
 ) -> Iterator[Entry]:
     """Yield poses and states; positions, velocities, attitudes and rates are in inertial axes."""
     position, velocity, R, rate = states
@@ -199,7 +212,7 @@ def _true_states(
         at = scenario.epoch_ns + int(us) * 1000
         T = se3.transform(R[i], position[i])
         stream = f"/{owner}/truth.pose"
-        head = header(scenario, stream, i, at, at, INERTIAL, frame)
+        head = header(scenario, stream, first + i, at, at, INERTIAL, frame)
         yield Entry(stream, at, head, pose(T, np.zeros((6, 6)), INERTIAL, frame, at))
         stream = f"/{owner}/truth.state"
         value = RigidBodyState(
@@ -215,26 +228,19 @@ def _true_states(
             angular_velocity=rate[i],
             cov_angular_velocity=np.zeros((3, 3)),
         )
-        yield Entry(stream, at, header(scenario, stream, i, at, at, INERTIAL, frame), value)
+        yield Entry(stream, at, header(scenario, stream, first + i, at, at, INERTIAL, frame), value)
 
 
 def _navigation(scenario: OrbitScenario, motion: OrbitMotion) -> Iterator[Entry]:
     """Yield the samples of star tracker, IMU and GNSS receiver."""
     servicer = scenario.servicer
-    name, frame = servicer.name, f"{servicer.name}/base"
+    name = servicer.name
     if servicer.star_tracker is not None:
         t_us = sample_times_us(servicer.star_tracker.rate_hz, scenario.duration_s)
-        track = star_tracker_attitudes(
-            servicer.star_tracker, motion, t_us * 1e-6, generator(scenario, "star_tracker")
-        )
-        stream = f"/{name}/star_tracker.attitude"
-        for i, R, covariance in zip(track.index, track.R_inertial_base, track.covariances, strict=True):
-            at = scenario.epoch_ns + int(t_us[i]) * 1000
-            full = np.zeros((6, 6))
-            full[:3, :3], full[3:, 3:] = _UNKNOWN_M2 * np.eye(3), covariance
-            head = header(scenario, stream, int(i), at, at, INERTIAL, frame)
-            T = se3.transform(R, np.zeros(3))
-            yield Entry(stream, at, head, pose(T, full, INERTIAL, frame, at))
+        rng = generator(scenario, "star_tracker")
+        bias = star_tracker_bias(servicer.star_tracker, rng)
+        track = star_tracker_attitudes(servicer.star_tracker, motion, t_us * 1e-6, bias, rng)
+        yield from attitude_entries(scenario, track, t_us)
     if servicer.imu is not None:
         t_us = sample_times_us(servicer.imu.rate_hz, scenario.duration_s)
         imu = imu_track(servicer.imu, motion, t_us * 1e-6, generator(scenario, "imu"))
@@ -244,15 +250,36 @@ def _navigation(scenario: OrbitScenario, motion: OrbitMotion) -> Iterator[Entry]
             sample = IMUSensors(Time.from_ns(at), imu.acc_m_s2[i], imu.gyro_rad_s[i], np.zeros(3))
             yield Entry(stream, at, header(scenario, stream, i, at, at, f"{name}/imu"), sample)
     if servicer.gnss is not None:
-        yield from _gnss(scenario, motion)
+        t_us = sample_times_us(servicer.gnss.rate_hz, scenario.duration_s)
+        states = gnss_states(servicer.gnss, motion, t_us * 1e-6, generator(scenario, "gnss"))
+        yield from gnss_entries(scenario, states, t_us)
 
 
-def _gnss(scenario: OrbitScenario, motion: OrbitMotion) -> Iterator[Entry]:
-    """Yield the position and velocity that the GNSS receiver measures."""
+def attitude_entries(
+    scenario: OrbitScenario, track: AttitudeTrack, t_us: np.ndarray, first: int = 0
+) -> Iterator[Entry]:
+    """Yield the attitudes that the star tracker measured at those of the times (n,) at which it delivers.
+
+    ``first`` is the number of the first time in the stream.
+    """
+    name = scenario.servicer.name
+    stream, frame = f"/{name}/star_tracker.attitude", f"{name}/base"
+    for i, R, covariance in zip(track.index, track.R_inertial_base, track.covariances, strict=True):
+        at = scenario.epoch_ns + int(t_us[i]) * 1000
+        full = np.zeros((6, 6))
+        full[:3, :3], full[3:, 3:] = _UNKNOWN_M2 * np.eye(3), covariance
+        head = header(scenario, stream, first + int(i), at, at, INERTIAL, frame)
+        T = se3.transform(R, np.zeros(3))
+        yield Entry(stream, at, head, pose(T, full, INERTIAL, frame, at))
+
+
+def gnss_entries(
+    scenario: OrbitScenario, states: tuple[FloatArray, FloatArray], t_us: np.ndarray, first: int = 0
+) -> Iterator[Entry]:
+    """Yield the measured positions and velocities (n, 3) of the GNSS receiver at times (n,)."""
     model, name = scenario.servicer.gnss, scenario.servicer.name
     assert model is not None  # checked by the caller
-    t_us = sample_times_us(model.rate_hz, scenario.duration_s)
-    positions, velocities = gnss_states(model, motion, t_us * 1e-6, generator(scenario, "gnss"))
+    positions, velocities = states
     stream, frame = f"/{name}/gnss.state", f"{name}/base"
     variance_m2 = model.position_sigma_m**2 + model.slow_sigma_m**2
     for i, us in enumerate(t_us):
@@ -267,10 +294,10 @@ def _gnss(scenario: OrbitScenario, motion: OrbitMotion) -> Iterator[Entry]:
             cov_velocity=model.velocity_sigma_m_s**2 * np.eye(3),
             angular_velocity=np.full(3, np.nan),
         )
-        yield Entry(stream, at, header(scenario, stream, i, at, at, INERTIAL, frame), value)
+        yield Entry(stream, at, header(scenario, stream, first + i, at, at, INERTIAL, frame), value)
 
 
-def _rendered_value(scenario: OrbitScenario, entry: Entry, result: CameraImage | Scan) -> Any:
+def rendered_value(scenario: OrbitScenario, entry: Entry, result: CameraImage | Scan) -> Any:
     """Return the value of a sample of a rendered image or scan."""
     head = entry.header
     if isinstance(result, Scan):
@@ -306,12 +333,12 @@ def _rendered_value(scenario: OrbitScenario, entry: Entry, result: CameraImage |
         return Vector4d(values=result.sun)
     if port == "points":
         return Pointcloud.from_points(result.points_m, frame=head.frame, stamp_ns=entry.stamp_ns)
-    return _detections(
+    return true_detections(
         result.T_camera_body, entry.stamp_ns, head.frame, {scenario.client.name: (result.box_px, result.lit)}
     )
 
 
-def _detections(
+def true_detections(
     poses: dict[str, FloatArray],
     stamp_ns: int,
     frame: str,

@@ -225,6 +225,13 @@ class Pointing(StrictModel):
         return self
 
 
+class Thrust(StrictModel):
+    """Errors of commanded displacements of a guided servicer."""
+
+    scale_sigma: Annotated[NotNegative, Field(le=0.2, description="relative error of the length")] = 0.01
+    position_sigma_m: Annotated[NotNegative, Field(description="error of the end along each axis")] = 0.01
+
+
 class Servicer(StrictModel):
     """Path, attitude and sensors of the servicer; positions are in the LVLH axes of the client, metres."""
 
@@ -237,6 +244,7 @@ class Servicer(StrictModel):
     star_tracker: StarTracker | None = None
     imu: Imu | None = None
     gnss: Gnss | None = None
+    thrust: Annotated[Thrust | None, Field(description="only for missions with a guided servicer")] = None
     body: tuple[Appendage, ...] = ()
 
 

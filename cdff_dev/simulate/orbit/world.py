@@ -62,7 +62,8 @@ class OrbitWorld:
                 body.mesh, unit=body.unit, material=body.material, size_m=size_m, field=field
             )
         self.scenes = {name: BodyScene(mesh) for name, mesh in self.meshes.items()}
-        check_distances(scenario, self.motion, self.scenes)
+        t_s = np.linspace(0.0, scenario.duration_s, _CHECKS)
+        check_distances(scenario, self.motion, self.scenes, t_s)
 
     def placed(self, t_s: FloatArray) -> list[PlacedBody]:
         """Return all bodies at times (n,), with the light at their middle."""
@@ -113,8 +114,10 @@ def bodies_with_fields(scenario: OrbitScenario) -> list[tuple[str, Body]]:
     return [("client", scenario.client), *companions, *parts]
 
 
-def check_distances(scenario: OrbitScenario, motion: OrbitMotion, scenes: dict[str, BodyScene]) -> None:
-    """Refuse a path on which a body comes closer to a sensor than its ``near_m``.
+def check_distances(
+    scenario: OrbitScenario, motion: OrbitMotion, scenes: dict[str, BodyScene], t_s: FloatArray
+) -> None:
+    """Refuse a path on which a body comes closer to a sensor than its ``near_m`` at one of the times (n,).
 
     The distance is that to the bounding sphere of the body; only if it is too small, that to its surface.
 
@@ -123,7 +126,6 @@ def check_distances(scenario: OrbitScenario, motion: OrbitMotion, scenes: dict[s
     ConfigurationError
         With the field, the body, the time and the distance.
     """
-    t_s = np.linspace(0.0, scenario.duration_s, _CHECKS)
     sensors = [
         (f"servicer.cameras.{n}.near_m", c.near_m, c.mount) for n, c in scenario.servicer.cameras.items()
     ]

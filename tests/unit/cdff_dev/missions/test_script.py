@@ -11,10 +11,16 @@ import pytest
 from cdff_common.errors import ConfigurationError
 from cdff_common.interfaces.profile import load_profile
 from cdff_common.resources import deploy_folder
+from cdff_dev.missions.orbit.script import Ask, RestartProcess, is_orbital, load_orbit_mission
+from cdff_dev.missions.orbit.script import check_fits as check_orbit_fits
 from cdff_dev.missions.script import Follow, GoTo, Meet, check_fits, load_mission
+from cdff_dev.simulate.orbit.scenario import OrbitScenario
 from cdff_dev.simulate.scenario import load_scenario
+from cdff_dev.simulate.scenario_files import load_any_scenario
 
-SHIPPED = sorted((deploy_folder() / "missions").glob("*.yaml"))
+MISSIONS = sorted((deploy_folder() / "missions").glob("*.yaml"))
+SHIPPED = [path for path in MISSIONS if not is_orbital(path)]
+ORBITAL = [path for path in MISSIONS if is_orbital(path)]
 VALID = (
     "doc: A test.\nprofile: explorer\nscenario: outing\nrobots:\n  mana: [{do: go_to, xy_m: [1.0, 2.0]}]\n"
 )
@@ -51,6 +57,28 @@ def test_every_shipped_mission_is_consistent_with_profile_and_scenario(path: Pat
         for xy in task.xy_m
     ]
     assert all(abs(v) < 2.0 * half_m for v in goals)
+
+
+@pytest.mark.parametrize("path", ORBITAL, ids=lambda p: p.stem)
+def test_every_shipped_mission_in_orbit_is_consistent_with_profile_and_scenario(path: Path) -> None:
+    mission = load_orbit_mission(path)
+    profile = load_profile(deploy_folder() / "profiles" / f"{mission.profile}.yaml")
+    scenario = load_any_scenario(mission.scenario)
+    assert isinstance(scenario, OrbitScenario)
+    check_orbit_fits(mission, profile, scenario)
+    robots = {task.request.robot for task in mission.tasks if isinstance(task, Ask)}
+    assert robots <= {scenario.servicer.name}
+    assert set(mission.models) == {scenario.client.name}
+
+
+def test_a_mission_in_orbit_with_an_unknown_process_is_refused() -> None:
+    mission = load_orbit_mission(ORBITAL[0])
+    task = RestartProcess(do="restart_process", process="engine")
+    profile = load_profile(deploy_folder() / "profiles" / f"{mission.profile}.yaml")
+    scenario = load_any_scenario(mission.scenario)
+    assert isinstance(scenario, OrbitScenario)
+    with pytest.raises(ConfigurationError, match=r"process 'engine': servicer has close_range"):
+        check_orbit_fits(mission.model_copy(update={"tasks": (task,)}), profile, scenario)
 
 
 @pytest.mark.parametrize(

@@ -236,15 +236,19 @@ def test_a_model_with_the_wrong_unit_is_refused(rng: np.random.Generator, scale:
     assert "wrong_unit" in pose.quality.reasons
 
 
-def detections(t_s: float, T: np.ndarray, label: str = "client") -> Sample:
+def detections(t_s: float, *poses: np.ndarray, label: str = "client") -> Sample:
+    """Return the detections of one body with poses that explain the scan equally well."""
     stamp_ns = round(1e9 * t_s)
-    pose = TransformWithCovariance.from_transform(
-        UncertainTransform(T), parent="servicer/lidar", child=f"{label}/body", stamp_ns=stamp_ns
-    )
+    values = [
+        TransformWithCovariance.from_transform(
+            UncertainTransform(T), parent="servicer/lidar", child=f"{label}/body", stamp_ns=stamp_ns
+        )
+        for T in poses
+    ]
     value = ObjectDetections(
         time_stamp=Time.from_ns(stamp_ns),
         frame_id="servicer/lidar",
-        detections=(ObjectDetection.from_pose(label, 0.9, pose, size_m=np.ones(3)),),
+        detections=tuple(ObjectDetection.from_pose(label, 0.9, v, size_m=np.ones(3)) for v in values),
     )
     return Sample("detections", stamp_ns, 0, value)
 
@@ -264,6 +268,25 @@ def test_without_its_own_search_it_starts_from_the_detections_of_the_body(rng: n
     angle_deg, distance_m = errors(pose, 7.0)
     assert angle_deg < 1.0
     assert distance_m < 0.02
+
+
+@pytest.mark.parametrize("is_first", [True, False])
+def test_later_scans_choose_between_the_poses_of_an_ambiguous_detection(
+    rng: np.random.Generator, is_first: bool
+) -> None:
+    dfpc = make_dfpc(search_scans=False)
+    wrong = truth(0.0) @ se3.transform(se3.exp_so3([0.0, 0.0, np.pi]), np.zeros(3))
+    poses = (truth(0.0), wrong) if is_first else (wrong, truth(0.0))
+    list(dfpc.step(detections(0.0, *poses)))
+    statuses = []
+    for k in range(4):
+        pose, _ = step(dfpc, cloud(float(k), points_at(float(k), rng)))
+        statuses.append((pose.quality.status, pose.quality.reasons))
+        if errors(pose, float(k))[0] > 90.0:  # the wrong pose is never stated as OK
+            assert pose.quality.status is not Status.OK
+    assert errors(pose, 3.0)[0] < 1.0
+    assert not any(reason.startswith("ambiguous") for reason in statuses[-1][1])
+    assert any(reason == "ambiguous:1" for reason in statuses[0][1])
 
 
 @pytest.mark.slow

@@ -140,7 +140,7 @@ def test_star_tracker_errors_have_the_stated_size_and_the_sun_blinds_it() -> Non
     motion = OrbitMotion(small_scenario())
     model = StarTracker(bias_sigma_arcsec=0.0, sun_exclusion_deg=0.0, earth_exclusion_deg=0.0)
     t_s = np.linspace(0.0, 20.0, 2000)
-    track = star_tracker_attitudes(model, motion, t_s, np.random.default_rng(2))
+    track = star_tracker_attitudes(model, motion, t_s, np.zeros(3), np.random.default_rng(2))
     assert len(track.index) == 2000
     R_tracker = motion.base_attitudes(t_s) @ model.mount.matrix()[:3, :3]
     errors = se3.log_so3(np.swapaxes(R_tracker, 1, 2) @ track.R_inertial_base @ model.mount.matrix()[:3, :3])
@@ -150,4 +150,5 @@ def test_star_tracker_errors_have_the_stated_size_and_the_sun_blinds_it() -> Non
     squared = np.einsum("ni,nij,nj->n", in_inertial, np.linalg.inv(track.covariances), in_inertial)
     assert squared.mean() == pytest.approx(3.0, rel=0.1)
     blinded = StarTracker(sun_exclusion_deg=179.0, earth_exclusion_deg=0.0)
-    assert not len(star_tracker_attitudes(blinded, motion, t_s[:20], np.random.default_rng(2)).index)
+    rng = np.random.default_rng(2)
+    assert not len(star_tracker_attitudes(blinded, motion, t_s[:20], np.zeros(3), rng).index)
