@@ -78,4 +78,4 @@ def test_a_servicer_guided_by_its_own_tracks_delivers_a_model(tmp_path: Path) ->
     page = report.read_text(encoding="utf-8")
     assert "All limits of the mission are met." in page
     assert "link interrupted" in page
-    assert page.count("data:image/png") == 3
+    assert page.count("data:image/png") >= 4  # three views of the model, and images

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import psutil  # type: ignore[import-untyped]
 
 from cdff_common.bus import Bus
@@ -19,7 +20,7 @@ from cdff_common.client import Client
 from cdff_common.clock import NS_PER_S
 from cdff_common.errors import UnavailableError
 from cdff_common.json_form import jsonable
-from cdff_common.types import Mesh
+from cdff_common.types import Frame, Mesh
 from cdff_dev.missions.models import upload_model
 from cdff_dev.missions.orbit.autonomy import OrbitAutonomy, describe_error
 from cdff_dev.missions.orbit.comparison import (
@@ -43,6 +44,8 @@ logger = logging.getLogger(__name__)
 
 #: Longest wait for the mission clock, which starts when the bodies are loaded, seconds.
 _WORLD_TIMEOUT_S = 120.0
+#: Largest number of images in the report.
+_IMAGES = 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,6 +58,8 @@ class OrbitResult:
         Errors that ended the tasks.
     distance : tuple of (ndarray (n,), ndarray (n,))
         Times since the start, seconds, and true distances, metres.
+    images : list of (float, Frame)
+        Images in the DPM with their times since the start, seconds.
     """
 
     name: str
@@ -65,6 +70,7 @@ class OrbitResult:
     model: ModelErrors | None
     unfinished: list[str]
     distance: tuple[Any, Any]
+    images: list[tuple[float, Frame]]
     processes: list[Process]
     mission_s: float
     run_s: float
@@ -188,6 +194,7 @@ def run(
     stage.end_drive()
     with Client(stage.connect) as client:
         poses, bearings = _compared_tracks(client, truth_log, mission, scenario)
+        images = _stored_images(client, robot, start_ns)
     stamps_ns, distances_m = true_distances(truth_log, robot, client_name)
     return OrbitResult(
         name=name,
@@ -198,6 +205,7 @@ def run(
         model=_compared_model(autonomy, mission, scenario),
         unfinished=unfinished,
         distance=((stamps_ns - start_ns) / NS_PER_S, distances_m),
+        images=images,
         processes=processes,
         mission_s=mission_s,
         run_s=run_s,
@@ -225,6 +233,14 @@ def _compared_tracks(
         return poses, None
     camera = next(iter(scenario.servicer.cameras))
     return poses, bearing_errors(client, truth_log, robot, camera, body)
+
+
+def _stored_images(client: Client, robot: str, start_ns: int) -> list[tuple[float, Frame]]:
+    """Return up to ``_IMAGES`` images of a robot in the DPM, evenly chosen, with times since the start."""
+    found = sorted(client.search("image", robot=robot, limit=1000), key=lambda item: item.header.t1_ns)
+    rows = np.unique(np.linspace(0, len(found) - 1, min(len(found), _IMAGES)).astype(int))
+    chosen = [found[row] for row in rows]
+    return [((p.header.t1_ns - start_ns) / NS_PER_S, client.get(p.id).value) for p in chosen]
 
 
 def _compared_model(

@@ -13,7 +13,6 @@ import numpy as np
 from cdff_common.clock import NS_PER_S
 from cdff_common.geometry.se3 import FloatArray
 from cdff_common.output import storage_errors
-from cdff_common.types import Frame
 from cdff_dev.missions.orbit.mission_run import OrbitResult
 from cdff_dev.missions.orbit.pictures import image_uri, model_views
 from cdff_dev.missions.report import PAGE_STYLE, outcome_row, polyline, table_section
@@ -55,16 +54,12 @@ def _page(result: OrbitResult) -> Iterator[str]:
 
 
 def _pictures(result: OrbitResult) -> Iterator[str]:
-    """Yield the delivered images and views of the delivered model."""
-    images = [
-        (outcome.request.at_s, outcome.answer.value)
-        for outcome in result.autonomy.outcomes
-        if outcome.answer is not None and isinstance(outcome.answer.value, Frame)
-    ]
-    if images:
-        yield "<h2>Images</h2>"
-    for at_s, image in images:
-        yield f'<figure><img width=420 src="{image_uri(image)}"><figcaption>{at_s:g} s</figcaption></figure>'
+    """Yield the stored images and views of the delivered model."""
+    if result.images:
+        yield "<h2>Images in the DPM</h2>"
+    for at_s, image in result.images:
+        yield f'<figure><img width=420 src="{image_uri(image)}">'
+        yield f"<figcaption>{at_s:.0f} s, {html.escape(image.frame)}</figcaption></figure>"
     if result.model is not None:
         yield "<h2>Delivered model</h2><p>"
         yield from (f'<img width=310 src="{uri}">' for uri in model_views(result.model))

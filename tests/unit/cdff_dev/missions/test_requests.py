@@ -17,7 +17,7 @@ def test_a_request_that_raises_an_error_has_an_outcome_with_that_fault(
             raise TypeError("a bug")
         return requests.Outcome(request, (), 0.0)
 
-    monkeypatch.setattr(requests, "_send", send_with_a_bug)
+    monkeypatch.setattr(requests, "send_request", send_with_a_bug)
     fields = {"at_s": 0, "robot": "mana", "max_age_s": 1, "deadline_ms": 1000}
     script = [TimedRequest(type=t, **fields) for t in ("pose", "dem")]
     reported: list[requests.Outcome] = []
