@@ -400,6 +400,10 @@ def test_the_page_is_not_wider_than_the_screen(page: Browser, width: int) -> Non
         )
         assert page.value(names) == ""
         assert page.value("document.documentElement.scrollWidth") <= width
+        if width < 640:
+            tables = "[...document.querySelectorAll('.scroll')]"
+            assert page.value(f"{tables}.every(table => table.scrollWidth <= table.clientWidth)")
+            assert page.value("getComputedStyle(document.querySelector('#frames td'), '::before').content")
     finally:
         page.send("Emulation.clearDeviceMetricsOverride")
 

@@ -80,7 +80,8 @@ function age(ns) {
   const seconds = Number((BigInt(missionNs) - BigInt(ns)) / 1000000n) / 1000;
   if (seconds < 0) return `${(-seconds).toFixed(1)} s ahead`;
   if (seconds < 120) return `${seconds.toFixed(seconds < 10 ? 1 : 0)} s old`;
-  return seconds < 7200 ? `${(seconds / 60).toFixed(0)} min old` : `${(seconds / 3600).toFixed(1)} h old`;
+  if (seconds < 7200) return `${(seconds / 60).toFixed(0)} min old`;
+  return seconds < 172800 ? `${(seconds / 3600).toFixed(1)} h old` : `${(seconds / 86400).toFixed(1)} d old`;
 }
 
 const metres = (value) => (Math.abs(value) < 0.0005 ? 0 : value).toFixed(2);
@@ -192,6 +193,14 @@ async function showRequests() {
   body.replaceChildren(...rows);
 }
 
+// Cells state the heading of their column, which the style shows on narrow screens.
+for (const table of document.querySelectorAll("main table")) {
+  const headings = [...table.tHead.rows[0].cells].map((cell) => cell.textContent), body = table.tBodies[0];
+  new MutationObserver(() => {
+    for (const row of body.rows)
+      for (const cell of row.cells) if (cell.colSpan === 1) cell.dataset.label = headings[cell.cellIndex];
+  }).observe(body, { childList: true });
+}
 const nothing = (text) => make("tr", null, make("td", { colspan: 6, class: "empty" }, text));
 
 function picture(product) {
