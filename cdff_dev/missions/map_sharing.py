@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +27,11 @@ from cdff_dev.missions.tracks import (
     read_truth,
     relative_position_errors,
 )
+
+#: Choice of a window that contains all heights with equal weight.
+POOLED = "pooled"
+#: Largest ratio of the error of the shared map to that of the better robot alone.
+WORSE = 1.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,12 +65,15 @@ class SharedMapErrors:
         Number of loop closures between the robots.
     positions, elevations : tuple
         Errors before the first re-anchoring, and after the last.
+    separate : mapping of str to ElevationErrors
+        Errors of the map of each robot alone before the first re-anchoring, and of all heights ``pooled``.
     """
 
     revisions: Mapping[str, int]
     closures: int
     positions: tuple[RelativePositionErrors, RelativePositionErrors]
     elevations: tuple[ElevationErrors, ElevationErrors]
+    separate: Mapping[str, ElevationErrors] = field(default_factory=dict)
 
     def lines(self) -> Iterator[str]:
         """Yield the results as text."""
@@ -76,6 +84,9 @@ class SharedMapErrors:
         ):
             yield f"{when} re-anchoring: relative position {position}"
             yield f"{when} re-anchoring: elevation map of both {elevation}"
+        for name, elevation in self.separate.items():
+            source = "both, pooled:" if name == POOLED else f"{name} alone:"
+            yield f"before re-anchoring: elevation map of {source} {elevation}"
 
     def faults(self, limits: SharedMapLimits) -> list[str]:
         """Return the limits that are exceeded."""
@@ -87,6 +98,12 @@ class SharedMapErrors:
         elif self.positions[1].largest_m > limits.max_error_m:
             faults.append(
                 f"relative position {self.positions[1].largest_m:.3f} m off, limit {limits.max_error_m:g} m"
+            )
+        robots = [errors.rms_m for name, errors in self.separate.items() if name != POOLED]
+        if robots and self.elevations[0].rms_m > WORSE * min(robots):
+            faults.append(
+                f"elevation map of both: RMS {self.elevations[0].rms_m:.3f} m before re-anchoring, more than "
+                f"{WORSE:g} times that of one robot alone, {min(robots):.3f} m"
             )
         return faults
 
@@ -124,6 +141,16 @@ def _errors(limits: SharedMapLimits, profile: Profile, log: Path, bus: Bus, http
         revision: dict[str, object] = {} if state is None else {"frames_revision": state}
         window = elevation_window(bus, limits.region, limits.resolution_m, **revision)
         elevations.append(elevation_errors(window, terrain))
+    options: dict[str, dict[str, object]] = {robot: {"robot": robot} for robot in limits.robots}
+    separate = {
+        name: elevation_errors(
+            elevation_window(
+                bus, limits.region, limits.resolution_m, frames_revision=state_before, **selection
+            ),
+            terrain,
+        )
+        for name, selection in (options | {POOLED: {"choice": POOLED}}).items()
+    }
     query = {"type": "pose_graph", "robot": keys.GROUND}
     graph = bus.call(keys.dpm_rpc(keys.GROUND, "get"), query, timeout_s=CALL_S)
     return SharedMapErrors(
@@ -131,6 +158,7 @@ def _errors(limits: SharedMapLimits, profile: Profile, log: Path, bus: Bus, http
         int(graph.attachment["quality"]["metrics"]["closures"]),
         (positions[0], positions[1]),
         (elevations[0], elevations[1]),
+        separate,
     )
 
 

@@ -47,6 +47,19 @@ def test_a_relative_position_error_above_its_limit_is_a_fault() -> None:
     assert "0.120" in "\n".join(result.lines())
 
 
+def test_a_shared_map_that_is_worse_than_that_of_the_better_robot_is_a_fault() -> None:
+    positions = (RelativePositionErrors(9, 2.0, 3.0), RelativePositionErrors(9, 0.01, 0.02))
+    good, bad, both = (ElevationErrors(9, 0.0, rms_m, 1.0) for rms_m in (0.002, 0.266, 0.11))
+    separate = {"mana": good, "minnie": bad, "pooled": both}
+    fused = SharedMapErrors({"minnie/slam": 2}, 1, positions, (good, good), separate)
+    assert fused.faults(SHARING) == []
+    assert "map of minnie alone: bias +0.000 m, RMS 0.266 m" in "\n".join(fused.lines())
+    spoiled = SharedMapErrors({"minnie/slam": 2}, 1, positions, (both, good), separate)
+    (fault,) = spoiled.faults(SHARING)
+    assert "RMS 0.110 m" in fault
+    assert "0.002 m" in fault
+
+
 def test_heights_are_compared_with_the_true_cell_around_each_centre() -> None:
     true = GridGeometry("site", 0.5, 0.0, 2.0, 4, 4)
     heights = np.arange(16, dtype=np.float32).reshape(4, 4)
