@@ -123,7 +123,7 @@ def bus(robot: Robot, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bus]
         with Bus.open(endpoint, name="producer", wait_s=20) as bus, Client(endpoint) as client:
             names = ("dpm", "orchestrator", "position_manager", "gateway_ros1")
             awaited_tokens = {keys.alive("mana", s) for s in names}
-            wait_until(lambda: awaited_tokens <= bus.alive(keys.alive("mana", "*")), 90, "start-up")
+            wait_until(lambda: awaited_tokens <= bus.alive(keys.alive("mana", "*")), 300, "start-up")
             put(bus, "dem", patch(0.0, 1.0, age_s=10.0))
             wait_until(lambda: _has_dem(client), 60, "the DPM has compiled its kernels")
             wait_until(lambda: status(bus)["master"]["registered"], 20, "the gateway is registered")
