@@ -37,6 +37,8 @@ EXTRAS = {
     ],
     "logs": ["google", "lz4", "mcap", "pye57", "rosbags", "velodyne_decoder"],
     "parquet": ["pyarrow"],
+    "campaign": ["dask", "distributed"],
+    "gateways-ccsds": ["cfdppy", "spacepackets"],
     "gateways-dds": ["cyclonedds"],
     "plot": ["matplotlib"],
     "simulate": ["astronomy", "open3d"],

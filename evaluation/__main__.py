@@ -21,7 +21,7 @@ from typing import Any
 import evaluation
 from cdff_common.cli import run_safely
 from cdff_common.errors import InputError
-from evaluation import real
+from evaluation import distributed, real
 from evaluation.record import provenance, write
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -54,6 +54,12 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--data", type=Path, help="folder of the real data sets; CDFF_DATA, ../shared/data")
     parser.add_argument("--seed", type=int, help="seed of the sample, for evaluations that draw one")
     parser.add_argument("--count", type=int, help="size of the sample, for evaluations that draw one")
+    parser.add_argument("--figures", type=Path, help="write the results to this file instead of the records")
+    parser.add_argument(
+        "--dask",
+        metavar="ADDRESS",
+        help="execute the evaluations on the workers of a scheduler of Dask, with this folder in common",
+    )
     parser.add_argument("--module", help="file of which mutation draws all mutants; with --draft only")
     args = parser.parse_args(argv)
     if args.module and not args.draft:
@@ -79,15 +85,25 @@ def main(argv: list[str] | None = None) -> int:
         _draw_real(available)
         return 0
     origin = provenance(ROOT)
-    if origin["tree_differs"] and not args.draft:
+    if args.figures and len(args.names) != 1:
+        raise InputError("--figures: expected the name of one evaluation")
+    if origin["tree_differs"] and not (args.draft or args.figures):
         raise InputError(
             "evaluation: the tree has uncommitted changes outside docs: expected a commit that the records "
             "can name; --draft prints the results without writing them"
         )
+    figures_of = {}
+    if args.dask:
+        figures_of = distributed.figures(ROOT, list(args.names or available), data, args, origin)
     for name, part in map(_split, args.names or available):
         options = {"parts": (part,)} if part else {}
         options |= _options(available[name], args)
-        figures = available[name].evaluate(data, _show_progress, **options)
+        figures = figures_of.get(f"{name}:{part}" if part else name)
+        if figures is None:
+            figures = available[name].evaluate(data, _show_progress, **options)
+        if args.figures:
+            args.figures.write_text(json.dumps(figures), encoding="utf-8")
+            return 0
         sys.stdout.write(f"{name}: {json.dumps(figures)}\n")
         if args.draft:
             continue

@@ -14,7 +14,9 @@ ANY_ROBOT = "any"
 RESERVED_SCOPES = frozenset({GROUND, ANY_ROBOT})
 
 #: Services that connect the robots of other frameworks.
-GatewayName = Literal["gateway_dds", "gateway_ros1", "gateway_ros2", "gateway_rock", "gateway_yarp"]
+GatewayName = Literal[
+    "gateway_ccsds", "gateway_dds", "gateway_ros1", "gateway_ros2", "gateway_rock", "gateway_yarp"
+]
 
 #: Names in a profile: robots, sensors, streams, modes, bodies.
 NAME = r"[a-z][a-z0-9_]{0,63}"

@@ -106,6 +106,17 @@ def register(nouns: Any) -> None:
         help="folder for outputs.msg, summary.json, <port>.tum (relative to the first pose, or absolute for "
         "tracked bodies) and the last maps, graphs and clouds",
     )
+    parser.add_argument(
+        "--sweep",
+        metavar="FILE",
+        help="with --dfpc and --out: replay all combinations of the values in a YAML file "
+        "{NAME: [VALUE, …]} of parameters, seed, implementation, start or duration; a repetition continues",
+    )
+    parser.add_argument(
+        "--dask",
+        metavar="ADDRESS",
+        help="with --sweep: execute the replays on the workers of a scheduler of Dask, tcp://HOST:8786",
+    )
     add_plot_option(parser)
     parser.add_argument("--json", action="store_true", help="print the summary as JSON")
     parser.set_defaults(run=run)
@@ -128,6 +139,12 @@ def run(args: argparse.Namespace) -> int:
         check_plot_file(args.plot)
     if args.dfpc and args.store:
         raise InputError("--store needs --requests; the outputs of one DFPC are written to --out only")
+    if args.dask and not args.sweep:
+        raise InputError("--dask needs --sweep")
+    if args.sweep:
+        from cdff_dev.campaign.sweep import run_sweep
+
+        return run_sweep(args)
     with opened(args.log, args.calibration) as log:
         return _replay(args, log) if args.dfpc else _mission(args, log)
 

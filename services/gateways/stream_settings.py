@@ -75,18 +75,27 @@ class OutputStream(StrictModel):
     max_hz: PositiveFloat = 1000.0
 
 
-class RobotSettings(StrictModel):
-    """Robot of a gateway, and its frames.
+class GatewayRobot(StrictModel):
+    """Robot of a gateway.
 
     Attributes
     ----------
     robot : str
         Robot id.
+    """
+
+    robot: RobotId
+
+
+class RobotSettings(GatewayRobot):
+    """Robot of a gateway, and its frames.
+
+    Attributes
+    ----------
     frames : mapping of str to frame
         Frames of CDFF by their names of the robot. Without an entry ``lidar`` is ``{robot}/lidar``.
     """
 
-    robot: RobotId
     frames: dict[str, FrameId] = {}
 
     @model_validator(mode="after")
@@ -96,7 +105,7 @@ class RobotSettings(StrictModel):
         return self
 
 
-Settings = TypeVar("Settings", bound=RobotSettings)
+Settings = TypeVar("Settings", bound=GatewayRobot)
 
 
 def load_settings(path: str | Path, model: type[Settings], robot: str | None = None) -> Settings:

@@ -51,6 +51,18 @@ def register(nouns: Any) -> None:
     revoke.add_argument("--previous", action="store_true", help="all but the newest, after a rotation")
     revoke.set_defaults(run=_revoke)
 
+    command = _verb(verbs, "command", "write a key for the commands of a ground segment")
+    command.add_argument("key", metavar="FILE", type=Path)
+    command.set_defaults(run=_command_key)
+
+    seal = _verb(verbs, "seal", "write a command of a ground segment with its key, in hexadecimal digits")
+    seal.add_argument("key", metavar="FILE", type=Path)
+    seal.add_argument("robot", metavar="ID")
+    seal.add_argument("function", choices=("request", "send", "cancel"))
+    seal.add_argument("arguments", nargs="*", metavar="NAME=VALUE")
+    seal.add_argument("--out", type=Path, help="file for the command as bytes, for a CFDP put")
+    seal.set_defaults(run=_seal)
+
     listing = _verb(verbs, "list", "list the certificates")
     listing.add_argument("--json", action="store_true", help="as JSON")
     listing.set_defaults(run=_list)
@@ -128,4 +140,29 @@ def _list(args: argparse.Namespace) -> int:
         print(
             f"{row['common_name']:24} {row['kind']:9} {row['role']:9} {row['state']:8} until {row['expires']}"
         )
+    return 0
+
+
+def _command_key(args: argparse.Namespace) -> int:
+    from services.gateway_ccsds.authentication import CommandKey
+
+    CommandKey.write(args.key)
+    print(f"key in {args.key}: copy it to the gateway and to where commands are written, over a safe channel")
+    return 0
+
+
+def _seal(args: argparse.Namespace) -> int:
+    from cdff_common.clock import wall_ns
+    from cdff_common.output import write_output
+    from services.gateway_ccsds.authentication import Command, CommandKey, Function
+
+    if wrong := [text for text in args.arguments if not text.partition("=")[1]]:
+        raise InputError(f"{wrong[0]!r}: expected NAME=VALUE")
+    arguments = {name: value for name, _, value in (text.partition("=") for text in args.arguments)}
+    command = Command(Function[args.function.upper()], wall_ns() // 1000, arguments)
+    data = CommandKey.read(args.key).seal(args.robot, command)
+    if args.out is None:
+        print(data.hex())
+    else:
+        write_output(args.out, data)
     return 0

@@ -20,6 +20,7 @@ SERVICES = (
     "orchestrator",
     "icu",
     "map_merging",
+    "gateway_ccsds",
     "gateway_dds",
     "gateway_ros1",
     "gateway_ros2",

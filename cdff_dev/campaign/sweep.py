@@ -1,0 +1,125 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""``cdff replay LOG --dfpc NAME --sweep FILE``: replays with all combinations of parameter values."""
+
+from __future__ import annotations
+
+import argparse
+import copy
+import itertools
+import json
+import sys
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from cdff_common.errors import InputError, RefusedError
+from cdff_common.interfaces.yaml_file import read_mapping
+from cdff_dev.campaign.runner import TABLE, run_campaign, write_table
+from cdff_dev.campaign.units import Unit
+
+#: Names in a sweep that are options of the replay, not parameters of the DFPC.
+_OPTIONS = ("seed", "implementation", "start", "duration")
+#: Options of the replay that each unit repeats.
+_SHARED = ("robot", "implementation", "start", "duration", "seed", "until")
+_FILES = ("profile", "guess", "poses", "calibration")
+_LISTS = ("map", "mask", "model")
+MAX_UNITS = 10_000
+
+
+def run_sweep(args: argparse.Namespace) -> int:
+    """Replay all combinations of a sweep, and write the table of their results; return 0.
+
+    Raises
+    ------
+    InputError
+        If the sweep is malformed, or ``--dfpc`` or ``--out`` is missing.
+    RefusedError
+        If a unit failed.
+    """
+    if args.dfpc is None or args.out is None:
+        raise InputError("--sweep: expected --dfpc NAME and --out DIR")
+    folder = Path(args.out)
+    values = read_mapping(Path(args.sweep))
+    base = {} if args.config is None else read_mapping(Path(args.config))
+    units = list(units_of(args, values, base, folder))
+
+    def report(result: Mapping[str, Any]) -> None:
+        sys.stdout.write(f"{result['name']}: exit code {result['exit_code']}, {result['wall_s']:.1f} s\n")
+        sys.stdout.flush()
+
+    results = run_campaign(units, folder, dask=args.dask, on_result=report)
+    write_table(results, folder / TABLE)
+    sys.stdout.write(f"wrote {folder / TABLE}\n")
+    if failed := [result["name"] for result in results if result["exit_code"]]:
+        raise RefusedError(f"{len(failed)} of {len(results)} replays failed, the first is {failed[0]}")
+    return 0
+
+
+def units_of(
+    args: argparse.Namespace, values: Mapping[str, Any], base: Mapping[str, Any], folder: Path
+) -> Iterator[Unit]:
+    """Yield a replay for each combination of values; their configurations are files in ``folder``.
+
+    Parameters
+    ----------
+    values : mapping of str to list
+        Values of parameters of the DFPC (``group.name``), or of the options ``seed``, ``implementation``,
+        ``start`` and ``duration``.
+    base : mapping
+        Parameters of the DFPC that all replays have.
+    """
+    for name, choices in values.items():
+        if not isinstance(choices, list) or not choices:
+            raise InputError(f"sweep: {name}: {choices!r}, expected a list of values")
+    combinations = list(itertools.product(*values.values()))
+    if len(combinations) > MAX_UNITS:
+        raise InputError(f"sweep: {len(combinations)} combinations, expected at most {MAX_UNITS}")
+    configurations = folder / "configurations"
+    configurations.mkdir(parents=True, exist_ok=True)
+    for number, combination in enumerate(combinations):
+        labels = dict(zip(values, combination, strict=True))
+        parameters = {name: value for name, value in labels.items() if name not in _OPTIONS}
+        name = f"replay_{number:04d}"
+        path = configurations / f"{name}.yaml"
+        text = yaml.safe_dump(_merged(base, parameters))
+        record = json.dumps([vars_of(args, labels), text])
+        stated = configurations / f"{name}.json"
+        if stated.exists() and stated.read_text(encoding="utf-8") != record:
+            raise InputError(f"{folder} holds results of another sweep ({name} differs): name a new folder")
+        path.write_text(text, encoding="utf-8")
+        stated.write_text(record, encoding="utf-8")
+        arguments = ["-m", "cdff_common.cli", "replay", str(Path(args.log).resolve()), "--dfpc", args.dfpc]
+        arguments += ["--config", str(path.resolve())] if base or parameters else []
+        for option, value in vars_of(args, labels).items():
+            arguments += [text for item in value for text in (f"--{option}", str(item))]
+        yield Unit(name, (*arguments, "--out", "{out}"), labels)
+
+
+def vars_of(args: argparse.Namespace, labels: Mapping[str, Any]) -> dict[str, list[Any]]:
+    """Return the options of a unit with their values."""
+    options = {name: [getattr(args, name)] for name in _SHARED if getattr(args, name) is not None}
+    options |= {name: [_absolute(getattr(args, name))] for name in _FILES if getattr(args, name) is not None}
+    options |= {name: [_absolute(v) for v in getattr(args, name)] for name in _LISTS if getattr(args, name)}
+    return options | {name: [value] for name, value in labels.items() if name in _OPTIONS}
+
+
+def _absolute(value: str | Path) -> str:
+    """Return the absolute path of a file: workers have other folders; other values as they are."""
+    return str(Path(value).resolve()) if Path(value).exists() else str(value)
+
+
+def _merged(base: Mapping[str, Any], parameters: Mapping[str, Any]) -> dict[str, Any]:
+    """Return ``base`` with parameters, whose names are paths with dots."""
+    merged: dict[str, Any] = copy.deepcopy(dict(base))
+    for name, value in parameters.items():
+        *groups, last = name.split(".")
+        target = merged
+        for group in groups:
+            target = target.setdefault(group, {})
+            if not isinstance(target, dict):
+                raise InputError(f"sweep: {name}: {group} is a value, not a group")
+        target[last] = value
+    return merged
