@@ -260,13 +260,13 @@ def _with_best_boards(rig: Rig, views: Sequence[View]) -> Rig:
         options = [current]
         for view in own:
             P = se3.inverse(rig.poses[view.camera])
-            options += [P @ T for T in _plane_poses(rig.cameras[view.camera], view)]
-        refined = [_refined_board(rig, own, board, T, sigma_px) for T in options]
+            options += [P @ T for T in plane_poses(rig.cameras[view.camera], view)]
+        refined = [refined_board(rig, own, board, T, sigma_px) for T in options]
         boards[board] = min(refined, key=lambda pair: pair[0])[1]
     return replace(rig, boards=boards)
 
 
-def _refined_board(
+def refined_board(
     rig: Rig, views: Sequence[View], board: int, T: FloatArray, sigma_px: float
 ) -> tuple[float, FloatArray]:
     """Return the cost and the pose of a board after Gauss-Newton steps with known cameras."""
@@ -282,7 +282,7 @@ def _refined_board(
     return robust_cost(trial, views, sigma_px), trial.boards[board]
 
 
-def _plane_poses(camera: CameraModel, view: View) -> list[FloatArray]:
+def plane_poses(camera: CameraModel, view: View) -> list[FloatArray]:
     """Return both poses T_camera_board that a view of a plane permits [3]_."""
     rays = camera.rays(view.pixels)
     is_usable = np.isfinite(rays).all(axis=1) & (rays[:, 2] > _LEAST_Z)
@@ -304,7 +304,7 @@ def _plane_poses(camera: CameraModel, view: View) -> list[FloatArray]:
 
 def _board_pose(camera: CameraModel, view: View) -> tuple[FloatArray | None, float | None]:
     """Return T_camera_board and the median error in pixels; None if it has no pose."""
-    poses = _plane_poses(camera, view)
+    poses = plane_poses(camera, view)
     if not poses:
         return None, None
     T = poses[0]

@@ -83,8 +83,8 @@ def _images(log: LogSource, names: list[str], cameras: int) -> Iterator[tuple[in
     """Yield the camera, the number of the board's pose and the grey image."""
     if cameras == 2 and len(names) == 1:
         for k, sample in enumerate(log.samples(names)):
-            yield 0, k, _grey(sample.value.left)
-            yield 1, k, _grey(sample.value.right)
+            yield 0, k, grey_of_frame(sample.value.left)
+            yield 1, k, grey_of_frame(sample.value.right)
         return
     stamps: list[int] = []
     for camera, name in enumerate(names):
@@ -92,14 +92,14 @@ def _images(log: LogSource, names: list[str], cameras: int) -> Iterator[tuple[in
             stamp_ns = sample.stamp_ns
             nearest = int(np.abs(np.array(stamps, np.int64) - stamp_ns).argmin()) if stamps else 0
             if camera and stamps and abs(stamps[nearest] - stamp_ns) <= _PAIR_NS:
-                yield camera, nearest, _grey(sample.value)
+                yield camera, nearest, grey_of_frame(sample.value)
                 continue
             stamps.append(stamp_ns)
-            yield camera, len(stamps) - 1, _grey(sample.value)
+            yield camera, len(stamps) - 1, grey_of_frame(sample.value)
 
 
-def _grey(frame: Frame) -> ByteArray:
-    """Return a grey image; deeper images are scaled by their 99.9 % percentile."""
+def grey_of_frame(frame: Frame) -> ByteArray:
+    """Return a grey image ``(rows, cols)``; deeper images are scaled by their 99.9 % percentile."""
     image = frame.image
     if image.dtype == np.uint8:
         return np.ascontiguousarray(grey_image(frame))

@@ -9,16 +9,14 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cdff_common.cli import add_connect_option
 from cdff_common.command_table import SUMMARIES
 from cdff_dev.calibrate.board_commands import add_board_verbs
+from cdff_dev.calibrate.frame_output import add_output_options, send_frames, write_frames
+from cdff_dev.calibrate.sensor_commands import add_sensor_verbs
 
 if TYPE_CHECKING:
     from cdff_common.geometry import UncertainTransform
     from cdff_common.interfaces.profile import Robot
-    from cdff_dev.calibrate.extrinsics import Calibration
-
-_CALL_S = 10.0
 
 
 def register(nouns: Any) -> None:
@@ -27,6 +25,7 @@ def register(nouns: Any) -> None:
         metavar="VERB", required=True
     )
     add_board_verbs(verbs)
+    add_sensor_verbs(verbs)
     parser = verbs.add_parser(
         "extrinsics",
         help="mounts of IMUs, lidars and stereo cameras, and scales of the wheels, from one drive",
@@ -40,17 +39,8 @@ def register(nouns: Any) -> None:
     parser.add_argument(
         "--stream", metavar="STREAM", action="append", default=[], help="only this sensor; repeatable"
     )
-    parser.add_argument(
-        "--write", action="store_true", help="replace the mounts in the file of --profile; comments are kept"
-    )
-    parser.add_argument(
-        "--dpm", action="store_true", help="add the mounts with their covariances to a running DPM"
-    )
-    parser.add_argument(
-        "--valid-from", metavar="T", help="with --dpm: from this time on (default: the end of the log)"
-    )
+    add_output_options(parser)
     parser.add_argument("--json", action="store_true", help="JSON output")
-    add_connect_option(parser)
     parser.set_defaults(run=run)
 
 
@@ -58,9 +48,7 @@ def run(args: argparse.Namespace) -> int:
     """Print the mounts; write them to the profile and the DPM if asked."""
     from cdff_common.errors import InputError
     from cdff_common.interfaces.profile import load_profile
-    from cdff_common.output import write_file
     from cdff_dev.calibrate.extrinsics import calibrate
-    from cdff_dev.calibrate.profile_edit import with_mounts
     from cdff_dev.logs.opened import opened
     from cdff_dev.replay.wiring import robot_of
 
@@ -75,13 +63,11 @@ def run(args: argparse.Namespace) -> int:
     print(json.dumps(result.to_json()) if args.json else "\n".join(result.lines()))
     mounts = {s.frame: s.completed_mount for s in result.sensors if s.completed_mount is not None}
     if args.write and mounts:
-        path = Path(args.profile)
-        write_file(path, with_mounts(path.read_text(encoding="utf-8"), robot, mounts).encode())
-        load_profile(path)
+        write_frames(Path(args.profile), robot, f"{robot}/base", mounts)
         if not args.json:
-            print(f"wrote {', '.join(mounts)} to {path}; the DPM takes them at the next cdff up")
+            print(f"wrote {', '.join(mounts)} to {args.profile}; the DPM takes them at the next cdff up")
     if args.dpm and mounts:
-        _send(args, result, end_ns)
+        print("\n".join(send_frames(args, f"{result.robot}/base", mounts, end_ns)))
     return 0 if mounts else 3
 
 
@@ -90,27 +76,3 @@ def _mounts(robot: Robot) -> dict[str, UncertainTransform]:
     base = f"{robot.id}/base"
     graph = robot.frame_graph()
     return {edge.child: graph.lookup(base, edge.child, 0) for edge in robot.frames if edge.parent == base}
-
-
-def _send(args: argparse.Namespace, result: Calibration, end_ns: int) -> None:
-    """Add a revision of each mount to the DPM, valid from a time on."""
-    from cdff_common.bus import Bus, keys
-    from cdff_common.bus.message import pack
-    from cdff_common.clock import parse_stamp
-
-    valid_from_ns = end_ns if args.valid_from is None else parse_stamp(args.valid_from, "--valid-from")
-    with Bus.open(args.connect, name="cdff calibrate") as bus:
-        for sensor in result.sensors:
-            if sensor.completed_mount is None or sensor.completed_mount.covariance is None:
-                continue
-            body = {
-                "frame": sensor.frame,
-                "parent": f"{result.robot}/base",
-                "T": sensor.completed_mount.matrix.tolist(),
-                "covariance": sensor.completed_mount.covariance.tolist(),
-                "valid_from_ns": valid_from_ns,
-                "producer": "cdff calibrate",
-            }
-            key = keys.dpm_rpc(keys.GROUND, "frames")
-            bus.call(key, payload=pack(body), encoding="application/msgpack", timeout_s=_CALL_S)
-            print(f"{sensor.frame}: revision in the DPM, valid from {valid_from_ns} ns")

@@ -14,21 +14,26 @@ from cdff_common.geometry import UncertainTransform, se3
 
 
 def with_mounts(text: str, robot: str, mounts: Mapping[str, UncertainTransform]) -> str:
-    """Return the text of a profile with other mounts below ``{robot}/base``.
+    """Return the text of a profile with other mounts below ``{robot}/base``; see ``with_frames``."""
+    return with_frames(text, robot, f"{robot}/base", mounts)
+
+
+def with_frames(text: str, robot: str, parent: str, frames: Mapping[str, UncertainTransform]) -> str:
+    """Return the text of a profile with other transforms of the frames below ``parent``.
 
     Raises
     ------
     InputError
-        If a frame has no edge in ``frames`` of the robot whose parent is the base.
+        If a frame has no edge in ``frames`` of the robot with this parent.
     """
     replacements = []
-    edges = _edges(text, robot)
-    for frame, T in mounts.items():
+    edges = _edges(text, robot, parent)
+    for frame, T in frames.items():
         if frame not in edges:
             known = ", ".join(edges) or "none"
-            raise InputError(f"frame {frame!r}: no edge below {robot}/base in the profile; it has {known}")
+            raise InputError(f"frame {frame!r}: no edge below {parent} in the profile; it has {known}")
         start, end = edges[frame]
-        replacements.append((start, end, edge_text(f"{robot}/base", frame, T)))
+        replacements.append((start, end, edge_text(parent, frame, T)))
     for start, end, new in sorted(replacements, reverse=True):
         # The mark of a block mapping is after its last line break and the indentation that follows.
         trailing = text[start:end][len(text[start:end].rstrip()) :]
@@ -51,8 +56,8 @@ def edge_text(parent: str, child: str, T: UncertainTransform) -> str:
     return "{" + ", ".join(parts) + "}"
 
 
-def _edges(text: str, robot: str) -> dict[str, tuple[int, int]]:
-    """Return start and end of the text of each edge below the base, by its child."""
+def _edges(text: str, robot: str, parent: str) -> dict[str, tuple[int, int]]:
+    """Return start and end of the text of each edge below a frame, by its child."""
     document = yaml.compose(text, Loader=yaml.SafeLoader)
     range_by_child: dict[str, tuple[int, int]] = {}
     for owner in _items(document, "robots"):
@@ -60,7 +65,7 @@ def _edges(text: str, robot: str) -> dict[str, tuple[int, int]]:
             continue
         for edge in _items(owner, "frames"):
             child = _scalar(edge, "child")
-            if child is not None and _scalar(edge, "parent") == f"{robot}/base":
+            if child is not None and _scalar(edge, "parent") == parent:
                 range_by_child[child] = (edge.start_mark.index, edge.end_mark.index)
     return range_by_child
 
