@@ -13,6 +13,7 @@ import numpy as np
 
 from cdff_common.arrays import Float32Array, FloatArray
 from cdff_common.interfaces.dfn import Dfn
+from cdff_core.stereo_odometry.rectification_monitor import RectificationMonitor
 from cdff_core.stereo_odometry.stereo_points import StereoPointMatcher
 from cdff_core.stereo_odometry.stereo_view import StereoView
 
@@ -37,6 +38,9 @@ class RightImageCorrection:
     def __init__(self, dfn: Callable[[str], Dfn[Any, Any, Any]]) -> None:
         self._points = StereoPointMatcher(dfn)
         self._coefficients = np.zeros(4)
+        self._monitor = RectificationMonitor()
+        #: Deficiencies of the rectification in the newest keyframes.
+        self.deficiencies: list[str] = []
         #: Prior covariance (2, 2) of the errors that row offsets do not determine, square pixels.
         self.open_covariance: FloatArray = _SIGMA_OPEN_PX**2 * np.eye(2)
         self._maps: tuple[Float32Array, Float32Array] | None = None
@@ -53,6 +57,7 @@ class RightImageCorrection:
             return
         field = self._points.refine(points, view)
         self._coefficients, self.open_covariance = field.coefficients, field.open_covariance
+        self.deficiencies = self._monitor.update(points, field.coefficients, view.camera_matrix)
         rows, columns = view.right.shape
         K = view.camera_matrix
         u, v = np.meshgrid(np.arange(columns, dtype=np.float32), np.arange(rows, dtype=np.float32))

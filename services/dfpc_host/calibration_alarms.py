@@ -12,7 +12,7 @@ from services.alarms import Alarms, Severity
 _KIND = "calibration_drift"
 #: Reasons of products: the rows of image pairs differ by more than those of rectified pairs do, or the
 #: estimated mount of a sensor differs from the stated one by more than its stated sigma allows.
-_REASONS = frozenset({"row_offset", "row_error", "mount_error"})
+_REASONS = frozenset({"row_offset", "row_error", "camera_roll", "camera_yaw_change", "mount_error"})
 #: Products in a row with such a reason, or without it, after which the alarm begins or ends.
 PRODUCTS = 10
 

@@ -27,7 +27,6 @@ from cdff_core.dfpcs.visual_odometry_dense.quality import check_alignment, stere
 from cdff_core.imaging.disparity_calibration import DisparityCalibration
 from cdff_core.imaging.rectified_camera import RectifiedCamera
 from cdff_core.stereo_odometry.consider_state import ConsiderState
-from cdff_core.stereo_odometry.limits import rectification_reasons
 from cdff_core.stereo_odometry.right_image_correction import RightImageCorrection
 from cdff_core.stereo_odometry.stereo_view import StereoView
 
@@ -65,7 +64,7 @@ class KeyframeAligner:
         if view.left_mask is not None:
             disparity[~view.left_mask] = np.nan
         reasons = stereo_reasons(float(np.isfinite(disparity).mean()))
-        reasons += rectification_reasons(self._correction.row_offset_px)
+        reasons += self._correction.deficiencies
         return Keyframe(view, pose, disparity, sharpness), reasons
 
     def align(

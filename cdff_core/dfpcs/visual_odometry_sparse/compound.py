@@ -29,7 +29,7 @@ from cdff_core.stereo_odometry.camera_path import CameraPath
 from cdff_core.stereo_odometry.consider_state import ConsiderState
 from cdff_core.stereo_odometry.gaps import Gaps
 from cdff_core.stereo_odometry.image_acceptance import assess_pair
-from cdff_core.stereo_odometry.limits import blur_reasons, rectification_reasons
+from cdff_core.stereo_odometry.limits import blur_reasons
 from cdff_core.stereo_odometry.motion_prior import CAMERAS, MotionPrior
 from cdff_core.stereo_odometry.robot_masks import RobotMasks
 from cdff_core.stereo_odometry.stereo_view import StereoView
@@ -149,7 +149,7 @@ class VisualOdometrySparse(VisualOdometrySparseInterface):
             self._bridge_gap(view, sharpness)
             raise
         reasons += blur_reasons(sharpness, keyframe.sharpness)
-        reasons += rectification_reasons(keyframe.row_offset_px)
+        reasons += keyframe.rectification
         reasons += ["gap"] if self._gaps.is_open else []
         motion = ConsiderState.from_motion(refined_motion)
         change = refined_motion.calibration - self._calibration.mean_px

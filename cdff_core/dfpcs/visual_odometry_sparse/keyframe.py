@@ -15,7 +15,7 @@ from cdff_core.dfns.stereo_triangulation.interface import StereoTriangulationInp
 from cdff_core.dfpcs.visual_odometry_sparse import quality
 from cdff_core.imaging.disparity_calibration import DisparityCalibration
 from cdff_core.stereo_odometry.consider_state import ConsiderState
-from cdff_core.stereo_odometry.limits import rectification_reasons
+from cdff_core.stereo_odometry.rectification_monitor import RectificationMonitor
 from cdff_core.stereo_odometry.stereo_points import StereoPointMatcher
 from cdff_core.stereo_odometry.stereo_view import StereoView
 
@@ -33,6 +33,7 @@ class Keyframe:
     points: FloatArray  # (n, 3), metres, in the left camera
     sharpness: float
     row_offset_px: float  # rows of the right image relative to the left at the centre, from all keyframes
+    rectification: list[str]  # deficiencies of the rectification in the newest keyframes
 
 
 class KeyframeBuilder:
@@ -41,6 +42,7 @@ class KeyframeBuilder:
     def __init__(self, dfn: Callable[[str], Dfn[Any, Any, Any]], calibration: DisparityCalibration) -> None:
         self._points, self._triangulation = StereoPointMatcher(dfn), dfn("triangulation")
         self._calibration = calibration
+        self._monitor = RectificationMonitor()
 
     def build(self, view: StereoView, pose: ConsiderState, sharpness: float) -> tuple[Keyframe, list[str]]:
         """Return a keyframe and its deficiencies; raises RefusedError if its two images do not match."""
@@ -70,8 +72,9 @@ class KeyframeBuilder:
             points=triangulated.points,
             sharpness=sharpness,
             row_offset_px=float(field.coefficients[0]),
+            rectification=self._monitor.update(points, field.coefficients, view.camera_matrix),
         )
-        return keyframe, reasons + rectification_reasons(keyframe.row_offset_px)
+        return keyframe, reasons + keyframe.rectification
 
 
 class KeyframeWindow:

@@ -46,7 +46,9 @@ def test_a_malformed_budget_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     assert memory_budget_mb() == 300
 
 
-@pytest.mark.parametrize("reason", ["row_offset:2.10>1.00", "mount_error:lidar_odometry_2.10_deg"])
+@pytest.mark.parametrize(
+    "reason", ["row_offset:2.10>1.00", "camera_roll:0.10>0.06", "mount_error:lidar_odometry_2.10_deg"]
+)
 def test_data_that_lastingly_contradict_the_calibration_raise_an_alarm_and_single_ones_do_not(
     reason: str,
 ) -> None:
