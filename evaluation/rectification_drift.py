@@ -65,7 +65,10 @@ def _run(
     """Return poses, standard deviations of the position, reasons about the rectification, and refusals."""
     dfpc = Registry.default().make_dfpc("visual_odometry_sparse")
     dfpc.configure({}, DfpcContext("kitti"))
-    poses, sigmas, reasons, failed = [], [], [], []
+    poses: list[FloatArray] = []
+    sigmas: list[float] = []
+    reasons: list[list[str]] = []
+    failed: list[bool] = []
     for k, rectified in enumerate(pairs):
         pair = rectified
         if k >= FIRST:

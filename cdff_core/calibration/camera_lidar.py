@@ -93,7 +93,7 @@ def camera_lidar_calibration(
     rows = np.array(sorted(chosen))
     own = [chosen[int(k)] for k in rows]
     T, covariance, distances, rms = _adjusted(start, normals[rows], centres[rows], own, boards, rows)
-    is_used = (distances < _GATE).all(axis=1)
+    is_used = np.atleast_1d((distances < _GATE).all(axis=1))
     if not is_used.all() and is_used.sum() >= LEAST_SCANS:
         rows, own = rows[is_used], [p for p, used in zip(own, is_used, strict=True) if used]
         T, covariance, _, rms = _adjusted(T, normals[rows], centres[rows], own, boards, rows)
@@ -135,10 +135,10 @@ def _start(
     best: tuple[int, float] = (-1, np.inf)
     result: tuple[FloatArray, dict[int, Panel]] = (np.eye(4), {})
     for _ in range(_STARTS):
-        i, j = rng.choice(seen, 2, replace=False)
+        i, j = (int(k) for k in rng.choice(seen, 2, replace=False))
         if abs(normals[i] @ normals[j]) > np.cos(_LEAST_ANGLE):
             continue
-        a, b = (panels[k][rng.integers(len(panels[k]))] for k in (i, j))
+        a, b = (panels[k][int(rng.integers(len(panels[k])))] for k in (i, j))
         between = np.arccos(np.clip(a.normal @ b.normal, -1.0, 1.0))
         expected = np.arccos(np.clip(normals[i] @ normals[j], -1.0, 1.0))
         length_m, expected_m = (

@@ -91,7 +91,7 @@ def robot_world_calibration(
         noise = _hand_noise(errors, noise_of_board, is_used, noise)
         information, gradient, distances = _normal_equations(errors, J, noise_of_board, noise)
         is_used = distances < _GATE * max(1.0, float(np.median(distances)) / np.sqrt(5.35))
-        step = np.linalg.solve(information + 1e-4 * _PRIOR, -gradient)
+        step = np.asarray(np.linalg.solve(information + 1e-4 * _PRIOR, -gradient), np.float64)
         step *= min(1.0, 0.3 / max(float(np.abs(step[[3, 4, 5, 9, 10, 11]]).max()), 1e-12))
         X, Z = _moved(X, step[:6]), _moved(Z, step[6:])
         if float(np.abs(step).max()) < 1e-9:
@@ -215,7 +215,7 @@ def _hand_noise(errors: FloatArray, spread: FloatArray, is_used: BoolArray, star
     # Two poses were fitted to the errors: the likelihood is that of the remaining degrees of freedom.
     _freedom = max(6 * count - 12, 1) / (6 * count)
     result = minimize(cost, np.log(start), method="Nelder-Mead", options={"xatol": 1e-3, "fatol": 1e-3})
-    return np.maximum(np.exp(result.x), _FLOORS)
+    return np.asarray(np.maximum(np.exp(result.x), _FLOORS), np.float64)
 
 
 def _normal_equations(

@@ -17,6 +17,7 @@ from cdff_common.errors import InputError
 from cdff_common.formats.tum import read_tum
 from cdff_common.geometry import se3
 from cdff_common.progress import Progress
+from cdff_common.types import Frame
 from cdff_core.calibration.adjustment import View
 from cdff_core.calibration.board_poses import BoardPose, board_poses_of
 from cdff_core.calibration.boards import Board
@@ -174,8 +175,8 @@ def one_stream(log: LogSource, types: Sequence[str], content: str, chosen: str |
     return names[0]
 
 
-def _camera_of(image: object, name: str) -> CameraModel:
+def _camera_of(image: Frame, name: str) -> CameraModel:
     try:
-        return CameraModel.of_frame(image)  # type: ignore[arg-type]
+        return CameraModel.of_frame(image)
     except InputError as error:
         raise InputError(f"{name}: {error}; state the calibration with --camera FILE") from error
