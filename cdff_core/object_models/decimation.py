@@ -26,10 +26,9 @@ def decimate(
     A mesh with fewer triangles is returned without its unused vertices and with an edge of 0. The surface
     moves by less than the diagonal of a cluster.
     """
-    used_vertices, rows = np.unique(triangles, return_inverse=True)
-    v, t = vertices_m[used_vertices], rows.reshape(-1, 3)
+    v, t = _used_vertices(vertices_m, triangles)
     if len(t) <= max_triangles:
-        return np.ascontiguousarray(v), np.ascontiguousarray(t), 0.0
+        return v, t, 0.0
     extent = float(np.ptp(v, axis=0).max())
     smallest, largest = extent * 1e-5, extent
     best: tuple[FloatArray, IntArray, float] | None = None
@@ -45,6 +44,25 @@ def decimate(
             smallest = cell
     assert best is not None  # one cluster has no triangle
     return best
+
+
+def decimate_to_cell(
+    vertices_m: FloatArray, triangles: IntArray, cell_m: float
+) -> tuple[FloatArray, IntArray]:
+    """Return vertices (n, 3) and triangles (m, 3) of a mesh with one vertex for each cell of an edge.
+
+    The surface moves by less than the diagonal of a cell; planes remain where they are.
+    """
+    v, t = _used_vertices(vertices_m, triangles)
+    cluster = _clusters(v, cell_m)
+    kept_triangles = _kept_triangles(cluster[t])
+    return np.ascontiguousarray(_nearest_vertices(v, t, cluster, cell_m)), kept_triangles
+
+
+def _used_vertices(vertices: FloatArray, triangles: IntArray) -> tuple[FloatArray, IntArray]:
+    """Return the vertices that triangles use and the triangles with their rows."""
+    used_rows, rows = np.unique(triangles, return_inverse=True)
+    return np.ascontiguousarray(vertices[used_rows]), np.ascontiguousarray(rows.reshape(-1, 3))
 
 
 def _clusters(vertices: FloatArray, cell: float) -> IntArray:

@@ -24,7 +24,7 @@ from cdff_core.object_models.scan_view import ScanView
 
 #: Population and generations of the evolutionary search, and its initial deviation relative to the standard
 #: deviations of the registration.
-_POPULATION, _GENERATIONS, _DEVIATION = 12, 6, 1.5
+_POPULATION, _GENERATIONS, _DEVIATION = 16, 12, 1.5
 #: Rounds of the importance sampling, poses per round, inflation of the proposal, and least effective sample
 #: size.
 _ROUNDS, _SAMPLES, _INFLATION, _MIN_EFFECTIVE = 4, 48, 1.2, 16.0
@@ -190,10 +190,12 @@ class PoseRefiner:
         return Refined(T[0], covariance, float(final.cost[0]), final.rays[0])
 
     def _search(self, T_view_model: FloatArray) -> Refined:
-        """Return the best pose of an evolutionary search around the registered pose."""
-        T_view_model, covariance = self.registered(T_view_model)
-        change = PoseChange(T_view_model, self._centre_m, covariance)
-        mean, _, _ = minimise(
+        """Return the best pose of an evolutionary search around a pose or the registered pose."""
+        T_registered, covariance = self.registered(T_view_model)
+        starts = np.stack([T_view_model, T_registered])
+        start = starts[int(np.argmin(likelihood(self._view, *self._mesh, starts, self._sigma_m).cost))]
+        change = PoseChange(start, self._centre_m, covariance)
+        mean, vectors, costs = minimise(
             lambda vectors: self._costs(change, vectors),
             np.zeros(6),
             _DEVIATION,
@@ -201,7 +203,7 @@ class PoseRefiner:
             generations=_GENERATIONS,
             rng=self._rng,
         )
-        poses = change.poses(np.stack([mean, np.zeros(6)]))
+        poses = change.poses(np.stack([mean, vectors[int(np.argmin(costs))], np.zeros(6)]))
         result = likelihood(self._view, *self._mesh, poses, self._sigma_m)
         best = int(np.argmin(result.cost))
         return Refined(poses[best], covariance, float(result.cost[best]), result.rays[best])

@@ -11,11 +11,15 @@ from cdff_common.geometry import se3
 from cdff_common.geometry.covariance import compose_covariance, rotate_covariance
 from cdff_common.interfaces.dfn import DfnConfig
 from cdff_core.dfns.model_pose_refinement.interface import Inputs, Interface, Outputs
+from cdff_core.object_models.decimation import decimate_to_cell
 from cdff_core.object_models.hypotheses import SurfaceModel
 from cdff_core.object_models.nearest_grid import NearestGrid
 from cdff_core.object_models.refinement import PoseRefiner
 from cdff_core.object_models.scan_view import scan_view
 
+#: Edge of the cells to which the mesh is decimated, in standard deviations of a range: smaller details do not
+#: change the likelihood.
+_CELL_SIGMAS = 0.3
 #: Smallest estimate of the noise, in diameters.
 _LEAST_SIGMA = 2e-4
 
@@ -23,7 +27,7 @@ _LEAST_SIGMA = 2e-4
 class DepthLikelihoodConfig(DfnConfig):
     """Parameters of DepthLikelihood."""
 
-    refined: int = Field(4, ge=1, le=50, description="Largest number of poses that are refined")
+    refined: int = Field(8, ge=1, le=50, description="Largest number of poses that are refined")
     model_sigma: float = Field(
         0.002,
         ge=0,
@@ -47,11 +51,14 @@ class DepthLikelihood(Interface[DepthLikelihoodConfig]):
             inputs.diameter_m,
         )
         sigma_m = float(np.hypot(inputs.sigma_m, cfg.model_sigma * inputs.diameter_m))
+        vertices_m, triangles = decimate_to_cell(
+            inputs.drawn_vertices, inputs.drawn_triangles, _CELL_SIGMAS * sigma_m
+        )
         refiner = PoseRefiner(
             view,
             surface,
-            np.ascontiguousarray(inputs.drawn_vertices, np.float64),
-            np.ascontiguousarray(inputs.drawn_triangles, np.int64),
+            vertices_m,
+            triangles,
             inputs.centre_m,
             sigma_m,
             cfg.seed,

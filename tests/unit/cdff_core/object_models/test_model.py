@@ -9,7 +9,7 @@ import pytest
 
 from cdff_common.errors import DegenerateGeometryError, InputError
 from cdff_common.geometry import se3
-from cdff_core.object_models.decimation import decimate
+from cdff_core.object_models.decimation import decimate, decimate_to_cell
 from cdff_core.object_models.model import PreparationConfig, content_hash, prepare_model
 from cdff_core.object_models.nearest_grid import nearest_grid
 from cdff_core.object_models.surface import VisibleSurface, visible_surface
@@ -75,6 +75,27 @@ def test_a_cylinder_has_a_continuous_symmetry_about_its_axis_and_can_be_reversed
     assert group.axis is not None
     assert abs(group.axis[2]) > 0.999
     assert len(group.transforms) == 72
+
+
+def test_decimation_to_cells_keeps_planes_and_edges_and_drops_unused_vertices() -> None:
+    size = 40
+    x, y = np.meshgrid(np.linspace(-1.0, 1.0, size + 1), np.linspace(-1.0, 1.0, size + 1), indexing="ij")
+    roof = np.column_stack([x.ravel(), y.ravel(), 0.3 * np.abs(x.ravel())])
+    row = np.arange(size * (size + 1)).reshape(size, size + 1)[:, :-1].ravel()
+    halves = [
+        np.column_stack([row, row + size + 1, row + 1]),
+        np.column_stack([row + 1, row + size + 1, row + size + 2]),
+    ]
+    triangles = np.concatenate(halves)
+    vertices, kept = decimate_to_cell(np.vstack([roof, [[9.0, 9.0, 9.0]]]), triangles, 0.2)
+    assert len(kept) < len(triangles) / 8
+    assert np.abs(vertices).max() <= 1.0 + 1e-9
+    np.testing.assert_allclose(vertices[:, 2], 0.3 * np.abs(vertices[:, 0]), atol=1e-3)
+    corners = vertices[kept]
+    areas = 0.5 * np.linalg.norm(
+        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+    )
+    assert areas.sum() == pytest.approx(4.0 * np.hypot(1.0, 0.3), rel=0.2)
 
 
 def test_symmetry_ignores_where_the_origin_is() -> None:
