@@ -150,8 +150,9 @@ class ViewFit:
         The image, if its colours are used.
     weak : list of str
         Directions that the used depths do not constrain.
-    has_edges, has_depths, has_regions, has_shading : bool
-        The edges, the depths, the regions of colour, the light of the Sun were used.
+    has_edges, has_depths, has_regions, has_shading, has_orientation : bool
+        The edges, the depths, the regions of colour, the light of the Sun, the orientation of the edges were
+        used.
     """
 
     state: TrackedState
@@ -165,6 +166,7 @@ class ViewFit:
     has_depths: bool = False
     has_regions: bool = False
     has_shading: bool = False
+    has_orientation: bool = False
 
     def add_missing(self, fault: str) -> None:
         """Add a fault of edges or colours unless depths or shading, which determine the pose, were used."""
@@ -174,7 +176,8 @@ class ViewFit:
     @property
     def used(self) -> bool:
         """The image or the depth image was used."""
-        return self.has_edges or self.has_depths or self.has_regions or self.has_shading
+        uses = (self.has_edges, self.has_depths, self.has_regions, self.has_shading, self.has_orientation)
+        return any(uses)
 
 
 class ImageTracking(BodyTracking):
@@ -280,7 +283,9 @@ class ImageTracking(BodyTracking):
         predicted: TrackedState,
         transition: FloatArray,
     ) -> ViewFit:
-        """Return the state corrected with texture, depths, sunlight, colours and edges, in this order."""
+        """Return the state corrected with texture, depths, sunlight, colours and edges, in this order; with the
+        orientation of the edges if none of them agrees.
+        """
         fit = ViewFit(predicted)
         if view.image is not None:
             check_undistorted(view.image.value)
@@ -299,6 +304,8 @@ class ImageTracking(BodyTracking):
             # The edges of a body are not where its shadows are; the rendering contains both.
             if not fit.has_shading:
                 self._correct_by_edges(view.image, model, fit)
+            if not (fit.used or fit.is_contradiction):
+                self._correct_by_orientation(view.image, model, fit)
         if not fit.has_edges:
             fit.faults += [f"degenerate:{name}" for name in fit.weak]
         return fit
@@ -424,6 +431,9 @@ class ImageTracking(BodyTracking):
 
     def _correct_by_shading(self, sample: Sample, model: ModelPreparationOutputs, fit: ViewFit) -> None:
         """Correct the state of a fit by an image in the light of the Sun; nothing by default."""
+
+    def _correct_by_orientation(self, sample: Sample, model: ModelPreparationOutputs, fit: ViewFit) -> None:
+        """Correct the state of a fit by an image whose edges do not agree one by one; nothing by default."""
 
     def _correct_by_regions(self, sample: Sample, model: ModelPreparationOutputs, fit: ViewFit) -> None:
         """Correct the state of a fit by the colours of an image."""

@@ -18,6 +18,7 @@ from cdff_common.geometry.covariance import symmetrised
 from cdff_common.geometry.robust import median_sigma
 from cdff_core.object_models.evolution import minimise
 from cdff_core.object_models.hypotheses import SurfaceModel, distinct
+from cdff_core.object_models.importance import mean_and_covariance
 from cdff_core.object_models.likelihood import likelihood, range_residuals
 from cdff_core.object_models.registration import normal_equations, register
 from cdff_core.object_models.scan_view import ScanView
@@ -25,9 +26,8 @@ from cdff_core.object_models.scan_view import ScanView
 #: Population and generations of the evolutionary search, and its initial deviation relative to the standard
 #: deviations of the registration.
 _POPULATION, _GENERATIONS, _DEVIATION = 16, 12, 1.5
-#: Rounds of the importance sampling, poses per round, inflation of the proposal, and least effective sample
-#: size.
-_ROUNDS, _SAMPLES, _INFLATION, _MIN_EFFECTIVE = 4, 48, 1.2, 16.0
+#: Rounds of the importance sampling and poses of a round.
+_ROUNDS, _SAMPLES = 4, 48
 #: Divisor of the costs, since neighbouring rays see the same part of the model and are not independent.
 _TEMPERATURE = 2.0
 #: Number of rays at which the covariance is the mean of that of the registration, which ignores the outline,
@@ -164,25 +164,16 @@ class PoseRefiner:
         return poses[0], registration_covariance(poses[0], A, self._centre_m, self._sigma_m, diameter_m)
 
     def with_covariance(self, refined: Refined) -> Refined:
-        """Return the mean of the poses that explain the scan, near a refined pose, with their covariance.
-
-        Adaptive importance sampling: Cappé et al. (2008), doi:10.1007/s11222-008-9059-x.
-        """
+        """Return the mean of the poses that explain the scan, near a refined pose, with their covariance."""
         change = PoseChange(refined.T, self._centre_m, refined.covariance)
-        mean, spread = np.zeros(6), 0.5 * np.eye(6)
-        vectors = np.zeros((0, 6))
-        costs = np.zeros(0)
-        proposals: list[tuple[FloatArray, FloatArray]] = []
-        for _ in range(_ROUNDS):
-            root = np.asarray(_INFLATION * np.linalg.cholesky(spread), np.float64)
-            proposals.append((mean, root))
-            vectors = np.concatenate([vectors, mean + self._rng.standard_normal((_SAMPLES, 6)) @ root.T])
-            costs = np.concatenate([costs, self._costs(change, vectors[-_SAMPLES:])])
-            density = np.logaddexp.reduce([_log_density(vectors, *p) for p in proposals])
-            weights = _temper_weights(-0.5 / _TEMPERATURE * (costs - costs.min()) - density)
-            mean = weights @ vectors
-            offset = vectors - mean
-            spread = (offset.T * weights) @ offset + 1e-3 * np.eye(6)
+        mean, spread = mean_and_covariance(
+            lambda vectors: 0.5 / _TEMPERATURE * self._costs(change, vectors),
+            np.zeros(6),
+            0.5 * np.eye(6),
+            rounds=_ROUNDS,
+            samples=_SAMPLES,
+            rng=self._rng,
+        )
         T = change.poses(mean[None])
         final = likelihood(self._view, *self._mesh, T, self._sigma_m)
         share = len(self._view.points_m) / (len(self._view.points_m) + _OUTLINE_RAYS)
@@ -232,19 +223,3 @@ def registration_covariance(
     weakest = 1.0 / (0.2 * np.concatenate([np.ones(3), np.full(3, diameter_m)])) ** 2
     covariance = np.linalg.inv(information + np.diag(weakest)) + np.diag(min_information**2)
     return symmetrised(to_sensor @ covariance @ to_sensor.T)
-
-
-def _log_density(vectors: FloatArray, mean: FloatArray, root: FloatArray) -> FloatArray:
-    whitened = np.linalg.solve(root, (vectors - mean).T)
-    return np.asarray(-0.5 * np.sum(whitened**2, axis=0) - np.log(np.diag(root)).sum())
-
-
-def _temper_weights(log_weights: FloatArray) -> FloatArray:
-    """Return weights (k,) with sum 1 that at least ``_MIN_EFFECTIVE`` samples share."""
-    power = 1.0
-    while True:
-        weights = np.exp(power * (log_weights - log_weights.max()))
-        weights /= weights.sum()
-        if 1.0 / float(np.sum(weights**2)) >= _MIN_EFFECTIVE or power < 0.02:
-            return np.asarray(weights)
-        power *= 0.8

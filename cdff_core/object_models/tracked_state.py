@@ -10,7 +10,7 @@ import numpy as np
 
 from cdff_common.arrays import FloatArray
 from cdff_common.geometry import se3
-from cdff_common.geometry.covariance import pose_error
+from cdff_common.geometry.covariance import pose_error, symmetrised
 from cdff_core.object_models.inertia import changed_inertia, inertia_difference
 
 #: Number of components of the error of a state: position (3), rotation (3), velocity (3), rate (3), centre of
@@ -63,6 +63,17 @@ class TrackedState:
             inertia=changed_inertia(self.inertia, correction[15:]),
             covariance=covariance,
         )
+
+    def with_pose(self, T: FloatArray, covariance: FloatArray) -> TrackedState:
+        """Return the state for a pose T (4, 4) with covariance (6, 6) that already contain the prediction.
+
+        The other components follow by their correlation with the pose.
+        """
+        prior = self.covariance
+        gain = np.linalg.lstsq(prior[:6, :6], prior[:6], rcond=1e-12)[0].T
+        correction = gain @ pose_error(T, self.T)
+        updated = prior - gain @ (prior[:6, :6] - covariance) @ gain.T
+        return self.corrected(correction, symmetrised(updated))
 
     def difference(self, other: TrackedState) -> FloatArray:
         """Return the error (20,) that ``corrected`` adds to the other state to obtain this one."""

@@ -11,6 +11,7 @@ import numpy as np
 from cdff_common.arrays import FloatArray
 from cdff_common.errors import InputError, RefusedError
 from cdff_common.interfaces.dfpc import Output, Sample
+from cdff_core.dfns.image_pose_refinement.interface import ImagePoseRefinementInputs
 from cdff_core.dfns.model_preparation.interface import ModelPreparationOutputs
 from cdff_core.dfpcs.visual_target_tracking.configuration import VisualTargetTrackingConfig
 from cdff_core.dfpcs.visual_target_tracking.interface import VisualTargetTrackingInterface
@@ -35,6 +36,12 @@ class VisualTargetTracking(ImageTracking, VisualTargetTrackingInterface):
             self.config.max_range_px,
         )
         self._sun: FloatArray | None = None
+        self._orientation = self.dfn("orientation")
+
+    def restart(self) -> None:
+        """Clear the track; the next guess starts a new one."""
+        super().restart()
+        self._orientation_ns: int | None = None
 
     def on_sun(self, sample: Sample) -> Iterable[Output]:
         """Store the direction to the Sun; raises InputError if it is not finite or zero."""
@@ -71,3 +78,38 @@ class VisualTargetTracking(ImageTracking, VisualTargetTrackingInterface):
             fit.is_contradiction = True
         else:
             fit.state, fit.has_shading = shading_fit.state, True
+
+    def _correct_by_orientation(self, sample: Sample, model: ModelPreparationOutputs, fit: ViewFit) -> None:
+        """Correct the state of a fit by the orientation of all edges of an image, at most once in an interval.
+
+        The covariance is not verified in hard light: the output is DEGRADED ``edge_orientation``.
+        """
+        interval_ns = 1e9 * self.config.orientation_interval_s
+        is_early = self._orientation_ns is not None and sample.stamp_ns - self._orientation_ns < interval_ns
+        is_measured = any(fault.startswith("low_agreement:") for fault in fit.faults)
+        if fit.grey is None or is_early or not is_measured:
+            return
+        self._orientation_ns = sample.stamp_ns
+        try:
+            refined_pose = self._orientation.process(
+                ImagePoseRefinementInputs(
+                    image=fit.grey,
+                    camera_matrix=sample.value.camera_matrix,
+                    pose=fit.state.T,
+                    covariance=fit.state.covariance[:6, :6],
+                    vertices=model.drawn_vertices,
+                    triangles=model.drawn_triangles,
+                    centre_m=model.centre_m,
+                    diameter_m=model.diameter_m,
+                )
+            )
+        except RefusedError as error:
+            fit.faults += error.reasons
+            return
+        fit.metrics |= {
+            "edge_correlation": refined_pose.correlation,
+            "explained_light": refined_pose.shading,
+        }
+        fit.faults.append("edge_orientation")
+        fit.state = fit.state.with_pose(refined_pose.pose, refined_pose.covariance)
+        fit.has_orientation = True

@@ -24,3 +24,10 @@ class VisualTargetTrackingConfig(ImageTrackingConfig):
         le=1,
         description="Correlation of image and rendering on the body below which it is not used",
     )
+    orientation_interval_s: float = Field(
+        1.0,
+        ge=0,
+        le=1e6,
+        description="Least time between images that are compared by the orientation of all edges, which takes "
+        "about a second, if single edges do not agree",
+    )

@@ -84,6 +84,30 @@ def tracked(rng: np.random.Generator, count: int, **config: float) -> Dfpc:
 
 
 @pytest.mark.slow
+def test_an_image_without_agreeing_edges_corrects_the_pose_by_the_orientation_of_all_edges(
+    rng: np.random.Generator,
+) -> None:
+    T = truth(0.0)
+    start = se3.transform(se3.exp_so3([0.0, 0.0, 0.04]) @ T[:3, :3], T[:3, 3] + [0.03, -0.03, 0.0])
+    dfpc = make_dfpc(start, min_agreement=1.0)
+    pose, track = step(dfpc, image(0.0, image_of(BODY, T, rng)))
+    assert pose.quality.status is Status.DEGRADED
+    assert "edge_orientation" in pose.quality.reasons
+    assert "coasting" not in pose.quality.reasons
+    assert any(reason.startswith("low_agreement:") for reason in pose.quality.reasons)
+    error = pose_error(T, pose.value.transform.matrix)
+    assert np.linalg.norm(error[:2]) < 0.01
+    assert abs(error[5]) < 0.01
+    assert error @ np.linalg.solve(pose.value.transform.covariance, error) < 30.0
+    assert pose.quality.metrics["edge_correlation"] > 0.4
+    within_interval, _ = step(dfpc, image(0.5, image_of(BODY, truth(0.5), rng)))
+    assert "coasting" in within_interval.quality.reasons
+    after_interval, _ = step(dfpc, image(1.0, image_of(BODY, truth(1.0), rng)))
+    assert "edge_orientation" in after_interval.quality.reasons
+    assert errors(after_interval, 1.0)[0] < 5.0
+    assert track.value.status is not None
+
+
 def test_a_rotating_body_is_tracked_from_a_guess_that_is_off(rng: np.random.Generator) -> None:
     T = truth(0.0)
     off = se3.transform(se3.exp_so3([0.02, -0.02, 0.01]) @ T[:3, :3], T[:3, 3] + [0.02, -0.01, 0.03])
