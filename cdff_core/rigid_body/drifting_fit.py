@@ -19,6 +19,8 @@ import numpy as np
 from cdff_common.arrays import FloatArray
 from cdff_core.rigid_body._kernels import whiten
 
+#: Lower bound of the factor on the covariances: rounding of poses without noise.
+_LEAST_FACTOR = 1e-24
 #: Intensities of the drift in units of the variance of a measurement per interval (to the power of the
 #: order).
 RATIOS = (0.0, *np.logspace(-7, 1, 17))
@@ -123,7 +125,7 @@ class DriftingProblem:
         residuals = values - rows @ step
         squared = float(residuals @ residuals + step @ self.prior @ step)
         freedom = max(3 * n - p - (d if self.order == 2 else 0), 1)
-        factor = squared / freedom
+        factor = max(squared / freedom, _LEAST_FACTOR)
         likelihood = -0.5 * (logarithms + (squared if self.is_noise_known else freedom * np.log(factor)))
         if self.is_noise_known:
             factor = max(factor, 1.0)

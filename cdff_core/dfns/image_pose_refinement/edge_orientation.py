@@ -129,7 +129,9 @@ def _window_field(inputs: Inputs, side_px: int) -> tuple[Window, ImageField]:
     extent_m = (1.0 + _MARGIN) * inputs.diameter_m + _MARGIN_SIGMAS * across_m
     extent_px = K[0, 0] * extent_m / float(centre[2])
     height, width = inputs.image.shape
-    if not (np.abs(centre_px - [0.5 * width, 0.5 * height]) < 0.5 * (extent_px + np.array([width, height]))).all():
+    if not (
+        np.abs(centre_px - [0.5 * width, 0.5 * height]) < 0.5 * (extent_px + np.array([width, height]))
+    ).all():
         raise RefusedError("the body is outside the image", ["outside_image"])
     scale = extent_px / side_px
     low = centre_px - 0.5 * extent_px

@@ -49,6 +49,19 @@ def _run(dfpc: Tracking3D, poses: np.ndarray, covariances: np.ndarray) -> list[O
     return [*outputs, *dfpc.finish()]
 
 
+def test_poses_without_noise_and_without_rotation_yield_a_state() -> None:
+    dfpc = _dfpc()
+    velocity = np.array([0.01, -0.02, 0.005])
+    poses = [se3.transform(np.eye(3), 5.0 + t_s * velocity) for t_s in T_S[:20]]
+    outputs = [
+        output for t_s, T in zip(T_S, poses, strict=False) for output in dfpc.step(_sample(t_s, T, None))
+    ]
+    track = [output for output in [*outputs, *dfpc.finish()] if output.port == "track"][-1]
+    assert track.quality.status is not Status.FAILED
+    assert "inertia_unobservable" in track.quality.reasons
+    np.testing.assert_allclose(track.value.velocities[0], [*velocity, 0.0, 0.0, 0.0], atol=1e-6)
+
+
 @pytest.fixture(scope="module")
 def tracked() -> tuple[Tracking3D, MovingBody, list[Output]]:
     body, dfpc = MovingBody.drawn(1), _dfpc()
