@@ -85,7 +85,8 @@ class EdgeOrientation(Interface[EdgeOrientationConfig]):
             scores = [
                 edges + cfg.shading_weight * shading for edges, shading in map(terms, change.poses(vectors))
             ]
-            return 0.5 * np.square(vectors).sum(axis=1) - np.array(scores) / cfg.temperature
+            prior: FloatArray = 0.5 * np.square(vectors).sum(axis=1)
+            return prior - np.array(scores) / cfg.temperature
 
         rng = np.random.default_rng(cfg.seed)
         mean, vectors, energies = minimise(
