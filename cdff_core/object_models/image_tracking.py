@@ -283,8 +283,9 @@ class ImageTracking(BodyTracking):
         predicted: TrackedState,
         transition: FloatArray,
     ) -> ViewFit:
-        """Return the state corrected with texture, depths, sunlight, colours and edges, in this order; with the
-        orientation of the edges if none of them agrees.
+        """Return the state corrected with texture, depths, sunlight, colours and edges, in this order.
+
+        If none of them agrees, the orientation of all edges is used.
         """
         fit = ViewFit(predicted)
         if view.image is not None:

@@ -31,7 +31,7 @@ def mean_and_covariance(
     Parameters
     ----------
     energy : callable
-        Returns the energies (k,) of points (k, n), in coordinates in which all directions have similar scales.
+        Returns the energies (k,) of points (k, n); all directions should have similar scales.
     mean, covariance : ndarray, shapes (n,) and (n, n)
         First proposal.
     rounds, samples : int

@@ -80,7 +80,7 @@ class VisualTargetTracking(ImageTracking, VisualTargetTrackingInterface):
             fit.state, fit.has_shading = shading_fit.state, True
 
     def _correct_by_orientation(self, sample: Sample, model: ModelPreparationOutputs, fit: ViewFit) -> None:
-        """Correct the state of a fit by the orientation of all edges of an image, at most once in an interval.
+        """Correct the state of a fit by the orientation of all edges, at most once in an interval.
 
         The covariance is not verified in hard light: the output is DEGRADED ``edge_orientation``.
         """

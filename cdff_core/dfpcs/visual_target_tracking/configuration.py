@@ -28,6 +28,6 @@ class VisualTargetTrackingConfig(ImageTrackingConfig):
         1.0,
         ge=0,
         le=1e6,
-        description="Least time between images that are compared by the orientation of all edges, which takes "
-        "about a second, if single edges do not agree",
+        description="Least time between images that are compared by the orientation of all edges if single "
+        "edges do not agree; this takes about a second",
     )
