@@ -17,7 +17,6 @@ board.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -27,7 +26,6 @@ import numpy as np
 
 from cdff_common.geometry import se3
 from cdff_common.geometry.se3 import FloatArray
-from cdff_common.geometry.voxels import voxel_means
 from cdff_dev.compare.error_summary import error_summary
 from cdff_dev.compare.registration.rates import interval, pose_errors, rate_text
 from evaluation.data_sets.clouds import milk_carton
@@ -38,7 +36,8 @@ from evaluation.data_sets.object_views import (
     tracked_objects,
     tracked_poses_by_depth,
 )
-from evaluation.peers.environments import kiss_matcher, peer_python
+from evaluation.peers.body_poses import diameter_of, fpfh_ransac, kiss_matcher_pose
+from evaluation.peers.environments import peer_python
 from evaluation.real import RealRow
 from evaluation.shot_localisation import localise
 
@@ -48,7 +47,6 @@ PARTS = ("tracked_objects", "crops", "held_out_crops", "milk_carton", "absent_ob
 CROP_SEEDS, HELD_OUT_SEEDS = range(16), range(16, 32)
 FRAME_STEP = 2
 GATE_M, GATE_DEG, WIDE_DEG = 0.03, 8.0, 12.0
-_STEP_DIAMETERS = 0.05
 
 #: Pose ``T_scene_model`` (4, 4) or None, CPU time in seconds, and reasons.
 Answer = tuple[FloatArray | None, float, tuple[str, ...]]
@@ -87,9 +85,10 @@ def _answers(views: Iterator[View], progress: Callable[[str], None]) -> list[tup
     results = []
     for view in views:
         progress(f"shot_localisation_real: {view.name}")
-        answers: dict[str, Answer] = {"cdff": _cdff(view), "fpfh_ransac": fpfh_ransac(view)}
+        clouds_m = view.model_m, view.scene_m
+        answers: dict[str, Answer] = {"cdff": _cdff(view), "fpfh_ransac": (*fpfh_ransac(*clouds_m), ())}
         if python:
-            answers["kiss_matcher"] = _kiss_matcher(python, view)
+            answers["kiss_matcher"] = (*kiss_matcher_pose(python, *clouds_m), ())
         results.append((view, answers))
     return results
 
@@ -148,64 +147,6 @@ def _cdff(view: View) -> Answer:
     return T, cpu_s, tuple(output.quality.reasons)
 
 
-def fpfh_ransac(view: View) -> Answer:
-    """Return the pose by Open3D's FPFH, RANSAC and ICP, as in its documentation; it always answers."""
-    import open3d as o3d
-
-    voxel_m = _STEP_DIAMETERS * _diameter(view.model_m)
-    started = time.process_time()
-    clouds, features = [], []
-    o3d.utility.random.seed(0)
-    for points in (view.model_m, view.scene_m):
-        cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points)).voxel_down_sample(voxel_m)
-        cloud.estimate_normals(o3d.geometry.KDTreeSearchParamHybrid(2.0 * voxel_m, 30))
-        clouds.append(cloud)
-        features.append(
-            o3d.pipelines.registration.compute_fpfh_feature(
-                cloud, o3d.geometry.KDTreeSearchParamHybrid(5.0 * voxel_m, 100)
-            )
-        )
-    registration = o3d.pipelines.registration
-    coarse = registration.registration_ransac_based_on_feature_matching(
-        *clouds,
-        *features,
-        True,
-        1.5 * voxel_m,
-        registration.TransformationEstimationPointToPoint(False),
-        3,
-        [
-            registration.CorrespondenceCheckerBasedOnEdgeLength(0.9),
-            registration.CorrespondenceCheckerBasedOnDistance(1.5 * voxel_m),
-        ],
-        registration.RANSACConvergenceCriteria(100_000, 0.999),
-    )
-    fine = registration.registration_icp(
-        *clouds,
-        0.4 * voxel_m,
-        coarse.transformation,
-        registration.TransformationEstimationPointToPlane(),
-    )
-    return np.asarray(fine.transformation), time.process_time() - started, ()
-
-
-def _kiss_matcher(python: str, view: View) -> Answer:
-    """Return the pose of KISS-Matcher; the clouds are scaled so that its voxels fit the model."""
-    from evaluation.peers.environments import PEER_VOXEL_M
-
-    voxel_m = _STEP_DIAMETERS * _diameter(view.model_m)
-    scale = PEER_VOXEL_M / voxel_m
-    model, scene = (scale * voxel_means(points, 0.5 * voxel_m) for points in (view.model_m, view.scene_m))
-    ((T, cpu_s),) = kiss_matcher(python, [(model, scene)])
-    if T is not None:
-        T = T.copy()
-        T[:3, 3] /= scale
-    return T, cpu_s, ()
-
-
-def _diameter(points_m: FloatArray) -> float:
-    return 2.0 * float(np.max(np.linalg.norm(points_m - points_m.mean(axis=0), axis=1)))
-
-
 def _entry(view: View, T: FloatArray | None, cpu_s: float, reasons: tuple[str, ...]) -> dict[str, Any]:
     """Return whether the answer is correct, its errors at the model's centre, CPU time and reasons."""
     entry: dict[str, Any] = {"answered": T is not None, "cpu_s": round(cpu_s, 2), "reasons": list(reasons)}
@@ -217,7 +158,7 @@ def _entry(view: View, T: FloatArray | None, cpu_s: float, reasons: tuple[str, .
             for truth in view.poses
         ]
         error_m, error_deg = min(errors, key=lambda error: error[1])
-        gate_m = min(GATE_M, 0.05 * _diameter(view.model_m)) if "seed" in view.name else GATE_M
+        gate_m = min(GATE_M, 0.05 * diameter_of(view.model_m)) if "seed" in view.name else GATE_M
         entry |= {
             "error_m": round(error_m, 4),
             "error_deg": round(error_deg, 2),

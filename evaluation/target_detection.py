@@ -16,12 +16,15 @@ from typing import Any
 
 import numpy as np
 
+from cdff_common.arrays import FloatArray
 from cdff_common.geometry import se3
 from cdff_common.geometry.covariance import pose_error
 from cdff_common.interfaces.dfpc import Dfpc, Output, Sample
 from cdff_common.interfaces.registry import Registry
 from cdff_common.types import Pointcloud
 from cdff_dev.compare.registration.rates import interval, rate_text
+from evaluation.peers.body_poses import fpfh_ransac, icp_of_rotations, kiss_matcher_pose
+from evaluation.peers.environments import peer_python
 from evaluation.scenes.target_scans import (
     SENSORS,
     Body,
@@ -30,11 +33,12 @@ from evaluation.scenes.target_scans import (
     model_sample,
     random_scan,
     read_body,
+    surface_points,
     tango,
     with_faults,
 )
 
-PARTS = ("views", "faults", "other_bodies", "other_models")
+PARTS = ("views", "faults", "other_bodies", "other_models", "peers")
 OPTIONS = {"count": 200}
 LIMIT_DEG, LIMIT_M = 5.0, 0.05
 #: Fraction of the views with which the parts after the first are evaluated.
@@ -74,6 +78,11 @@ def evaluate(
                 )
                 for name, sensor in SENSORS.items()
             }
+    if "peers" in parts:
+        figures["peers"] = {
+            name: peers(detection, client, sensor, fewer, f"peers, {name}", progress)
+            for name, sensor in SENSORS.items()
+        }
     return figures
 
 
@@ -156,6 +165,46 @@ def refused(
     return {"views": count, "refused": int(sum(answers))}
 
 
+def peers(
+    dfpc: Dfpc, body: Body, sensor: Sensor, count: int, label: str, progress: Callable[[str], None]
+) -> dict[str, Any]:
+    """Return success and CPU time of the detection and of other programs in the same scans.
+
+    The other programs get points that are evenly spread over the surface of the body.
+    """
+    model_m = surface_points(body)
+    python = peer_python("kiss_matcher")
+    methods: dict[str, Callable[[FloatArray], tuple[FloatArray | None, float]]] = {
+        "cdff": lambda points_m: _first_pose(*_detected(dfpc, points_m)),
+        "icp_60_rotations": lambda points_m: icp_of_rotations(model_m, points_m),
+        "fpfh_ransac": lambda points_m: fpfh_ransac(model_m, points_m),
+    }
+    if python:
+        methods["kiss_matcher"] = lambda points_m: kiss_matcher_pose(python, model_m, points_m)
+    rows: dict[str, list[tuple[bool, bool, float]]] = {name: [] for name in methods}
+    for seed in range(count):
+        progress(f"target_detection: {label}, {seed} of {count}")
+        scan = random_scan(body, sensor, seed)
+        for name, method in methods.items():
+            T, cpu_s = method(scan.points_m)
+            rows[name].append((T is not None, T is not None and is_correct(T, scan.T_sensor_model), cpu_s))
+    return {
+        name: {
+            "views": count,
+            "correct": sum(correct for _, correct, _ in row),
+            "wrong": sum(answered and not correct for answered, correct, _ in row),
+            "median_cpu_s": _rounded(np.median([cpu_s for *_, cpu_s in row])),
+        }
+        for name, row in rows.items()
+    }
+
+
+def is_correct(T: FloatArray, T_true: FloatArray) -> bool:
+    """Return whether a pose (4, 4) is within the limits."""
+    angle_deg = float(np.degrees(se3.rotation_angle(T[:3, :3].T @ T_true[:3, :3])))
+    return angle_deg <= LIMIT_DEG and float(np.linalg.norm(T[:3, 3] - T_true[:3, 3])) <= LIMIT_M
+
+
 def table(figures: dict[str, Any]) -> str:
     """Return the tables of the page."""
     lines = [
@@ -175,7 +224,18 @@ def table(figures: dict[str, Any]) -> str:
     lines += ["", "| scans of another body, model of Tango | refused |", "|---|---|"]
     for name, row in figures.get("other_bodies", {}).items():
         lines.append(f"| {name} | {rate_text(interval(row['refused'], row['views']))} |")
+    if "peers" in figures:
+        lines += ["", "| scans | program | correct | wrong | CPU s, median |", "|---|---|---|---|---|"]
+    for name, programs in figures.get("peers", {}).items():
+        for program, row in programs.items():
+            correct = rate_text(interval(row["correct"], row["views"]))
+            lines.append(f"| {name} | {program} | {correct} | {row['wrong']} | {row['median_cpu_s']} |")
     return "\n".join(lines)
+
+
+def _first_pose(output: Output, cpu_s: float) -> tuple[FloatArray | None, float]:
+    detections = [] if output.value is None else output.value.detections
+    return (detections[0].pose.transform.matrix if detections else None), cpu_s
 
 
 def _detected(dfpc: Dfpc, points_m: np.ndarray) -> tuple[Output, float]:

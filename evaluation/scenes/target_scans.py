@@ -153,6 +153,17 @@ def line_scan_at(
     return np.concatenate(points), np.concatenate(times)
 
 
+def surface_points(body: Body, count: int = 5000) -> FloatArray:
+    """Return points (count, 3) that are evenly spread over the surface, metres."""
+    import open3d as o3d
+
+    o3d.utility.random.seed(0)
+    mesh = o3d.geometry.TriangleMesh(
+        o3d.utility.Vector3dVector(body.vertices), o3d.utility.Vector3iVector(body.triangles)
+    )
+    return np.asarray(mesh.sample_points_uniformly(count).points)
+
+
 def random_scan(body: Body, sensor: Sensor, seed: int) -> Scan:
     """Return a scan at a random pose."""
     rng = np.random.default_rng(seed)
