@@ -32,8 +32,8 @@ GROUPS: dict[str, dict[str, str]] = {
     "simulation and missions": {
         "demo": "run the whole system on recorded data and send it the requests of an autonomy framework",
         "simulate": "simulate a scenario to a log",
-        "mission": "run a simulated mission with rovers that drive to goals, and score it",
-        "drive": "simulate rovers that execute drive commands, and publish the mission clock",
+        "mission": "run a simulated mission with guided rovers or a guided servicer, and score it",
+        "drive": "simulate rovers or a servicer that execute commands, and publish the mission clock",
     },
     "installation and development": {
         "doctor": "check that this machine can run the system, and advise on problems",

@@ -90,7 +90,7 @@ def test_an_image_without_agreeing_edges_corrects_the_pose_by_the_orientation_of
     T = truth(0.0)
     start = se3.transform(se3.exp_so3([0.0, 0.0, 0.04]) @ T[:3, :3], T[:3, 3] + [0.03, -0.03, 0.0])
     dfpc = make_dfpc(start, min_agreement=1.0)
-    pose, track = step(dfpc, image(0.0, image_of(BODY, T, rng)))
+    pose, _ = step(dfpc, image(0.0, image_of(BODY, T, rng)))
     assert pose.quality.status is Status.DEGRADED
     assert "edge_orientation" in pose.quality.reasons
     assert "coasting" not in pose.quality.reasons
@@ -105,7 +105,6 @@ def test_an_image_without_agreeing_edges_corrects_the_pose_by_the_orientation_of
     after_interval, _ = step(dfpc, image(1.0, image_of(BODY, truth(1.0), rng)))
     assert "edge_orientation" in after_interval.quality.reasons
     assert errors(after_interval, 1.0)[0] < 5.0
-    assert track.value.status is not None
 
 
 def test_a_rotating_body_is_tracked_from_a_guess_that_is_off(rng: np.random.Generator) -> None:
