@@ -13,7 +13,7 @@ import pytest
 
 from cdff_dev.ports import free_port
 
-pytestmark = [pytest.mark.e2e, pytest.mark.slow, pytest.mark.timeout(600)]
+pytestmark = [pytest.mark.e2e, pytest.mark.soak, pytest.mark.timeout(600)]
 
 SCENARIO = """
 extends: orbit_inspection
