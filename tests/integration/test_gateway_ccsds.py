@@ -122,7 +122,8 @@ def test_yamcs_receives_a_map_in_spite_of_a_kill_and_shows_status_and_alarms(
     system.bus.publish_map(keys.event("mana", "alarm"), alarm.to_event(is_active=True))
     expected = ("CRITICAL", "disk_full of mana/dpm: 1 MB is free")
     eventually(lambda: expected in yamcs.events(), 120, "the event of the alarm")
-    eventually(lambda: int(yamcs.parameter("delivered_files") or 0) >= 1, 120, "housekeeping")  # since the kill
+    # Files that were delivered since the kill.
+    eventually(lambda: int(yamcs.parameter("delivered_files") or 0) >= 1, 120, "housekeeping")
     assert int(yamcs.parameter("services")) >= 2
     assert int(yamcs.parameter("waiting_products")) == 0
 
