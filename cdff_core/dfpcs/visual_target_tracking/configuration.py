@@ -29,5 +29,5 @@ class VisualTargetTrackingConfig(ImageTrackingConfig):
         ge=0,
         le=1e6,
         description="Least time between images that are compared by the orientation of all edges if single "
-        "edges do not agree; this takes about a second",
+        "edges do not agree; this takes one to three seconds",
     )
