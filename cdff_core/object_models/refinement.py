@@ -23,9 +23,11 @@ from cdff_core.object_models.likelihood import likelihood, range_residuals
 from cdff_core.object_models.registration import normal_equations, register
 from cdff_core.object_models.scan_view import ScanView
 
-#: Population and generations of the evolutionary search, and its initial deviation relative to the standard
-#: deviations of the registration.
-_POPULATION, _GENERATIONS, _DEVIATION = 16, 12, 1.5
+#: Population and generations of the evolutionary search, those for scans with few points, whose likelihood
+#: has more local minima, and the number of points up to which a scan has few.
+_SEARCH, _LONG_SEARCH, _FEW_POINTS = (12, 6), (16, 12), 150
+#: Initial deviation of the search relative to the standard deviations of the registration.
+_DEVIATION = 1.5
 #: Rounds of the importance sampling and poses of a round.
 _ROUNDS, _SAMPLES = 4, 48
 #: Divisor of the costs, since neighbouring rays see the same part of the model and are not independent.
@@ -186,12 +188,14 @@ class PoseRefiner:
         starts = np.stack([T_view_model, T_registered])
         start = starts[int(np.argmin(likelihood(self._view, *self._mesh, starts, self._sigma_m).cost))]
         change = PoseChange(start, self._centre_m, covariance)
+        is_long = len(self._view.points_m) <= _FEW_POINTS
+        population, generations = _LONG_SEARCH if is_long else _SEARCH
         mean, vectors, costs = minimise(
             lambda vectors: self._costs(change, vectors),
             np.zeros(6),
             _DEVIATION,
-            population=_POPULATION,
-            generations=_GENERATIONS,
+            population=population,
+            generations=generations,
             rng=self._rng,
         )
         poses = change.poses(np.stack([mean, vectors[int(np.argmin(costs))], np.zeros(6)]))
