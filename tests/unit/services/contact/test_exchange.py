@@ -153,9 +153,10 @@ def test_the_ground_knows_what_is_missing_and_when_it_will_arrive(ends: Ends) ->
     ends.robot.store.put_all([product(1, MAP), product(1, CLOUD)])
     plan = ContactPlan(windows=(window(0, 4.0, 1e6), window(1000, 1100)))
     with ends.start_ground(plan) as ground, ends.start_robot(plan, budget_bit_s=4e5):
-        wait_until(lambda: is_at_ground(ends, MAP))
+        cloud = product(1, CLOUD).header.id
+        wait_until(lambda: [item["id"] for item in ground.estimate("mana")["items"]] == [cloud])
+        assert is_at_ground(ends, MAP)
         (item,) = ground.estimate("mana")["items"]
-        assert item["id"] == product(1, CLOUD).header.id
         assert 0 < item["missing"] <= item["size"] == len(product(1, CLOUD).payload)
         wait_until(lambda: wall_ns() > plan.windows[0].end_ns)
         answer = ground.estimate("mana")
