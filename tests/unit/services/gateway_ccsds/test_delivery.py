@@ -125,7 +125,7 @@ def product(size: int) -> bytes:
 
 
 def assert_received(ground: Ground, payload: bytes) -> None:
-    sidecar = json.loads((ground.folder / "mana-dem-1-a.json").read_text())
+    sidecar = json.loads((ground.folder / "mana-dem-1-a.sidecar.json").read_text())
     files = [(ground.folder / file["name"]).read_bytes() for file in sidecar["files"]]
     assert b"".join(files) == payload
     assert hashlib.sha256(payload).hexdigest() == sidecar["sha256"]
@@ -195,5 +195,5 @@ def test_an_unfinished_folder_of_a_killed_process_is_removed_and_a_product_is_ad
     assert spool.add(2, 1, "x", "tif", b"1", {})
     assert not spool.add(3, 0, "x", "tif", b"1", {})
     assert spool.add(4, 0, "y", "tif", b"1", {})
-    assert [path.name for path in spool.files()] == ["y.tif", "y.json", "x.tif", "x.json"]
+    assert [path.name for path in spool.files()] == ["y.tif", "y.sidecar.json", "x.tif", "x.sidecar.json"]
     assert not spool.is_ready(spool.files()[1])
