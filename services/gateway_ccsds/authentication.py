@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Authenticated commands: a counter against repetition, and a message authentication code.
+"""Authenticated commands, with a message authentication code and a counter that prevents repetition.
 
 A command is ``function (1 byte), counter (8 bytes, big-endian), arguments (JSON in UTF-8), code (16 bytes)``.
 The code is HMAC-SHA-256 (RFC 2104), truncated to 128 bits, of ``cdff-command-1``, the robot and the bytes
-before the code. It is computed where the command is written, so that a mission control system without the key
-can pass it on.
+before the code. It is computed where the command is written: a mission control system forwards the command
+and does not need the key.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class Function(IntEnum):
     """Functions of PUS service 8."""
 
     REQUEST = 1  # request a product; arguments: those of `orchestrator/@rpc/request`
-    SEND = 2  # send a stored product; arguments: id, format
+    SEND = 2  # send a stored product; arguments: id and, optionally, format
     CANCEL = 3  # cancel a job; arguments: job
 
 
@@ -55,7 +55,7 @@ class Command:
 
 
 class CommandKey:
-    """Secret key that the ground segment and the gateway share.
+    """Secret key that the author of the commands and the gateway share.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ class CommandKey:
         DeniedError
             If the code is not that of this key and robot.
         CodecError
-            If the function is unknown, or the arguments are no JSON object.
+            If the function is unknown, or the arguments are not a JSON object.
         """
         if not _HEAD.size + CODE_BYTES <= len(data) <= MAX_COMMAND_BYTES:
             raise CodecError(f"a command of {len(data)} bytes: expected 25 to {MAX_COMMAND_BYTES}")
@@ -114,7 +114,7 @@ class CommandKey:
         try:
             function = Function(number)
             arguments = json.loads(signed[_HEAD.size :])
-        except ValueError as error:
+        except (ValueError, RecursionError) as error:
             raise CodecError(f"command: {error}") from error
         if not isinstance(arguments, dict):
             raise CodecError(f"arguments of a command: a {type(arguments).__name__}, expected an object")
@@ -126,7 +126,7 @@ class CommandKey:
 
 
 class CommandCounter:
-    """The highest counter of the commands so far, on disk: each command is executed at most once.
+    """Highest counter of all accepted commands, stored on disk: each command is executed at most once.
 
     Parameters
     ----------
@@ -144,12 +144,12 @@ class CommandCounter:
             ) from error
 
     def take(self, counter: int) -> None:
-        """Accept a counter, before its command is executed.
+        """Accept and store a counter before its command is executed.
 
         Raises
         ------
         DeniedError
-            If it is not above all counters so far.
+            If it is not greater than all accepted counters.
         OSError
             If it cannot be stored.
         """

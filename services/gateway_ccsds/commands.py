@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Commands of the ground segment: PUS service 8 (perform a function) and command files over CFDP."""
+"""Reception of commands of the ground segment: PUS service 8 (perform a function) and files over CFDP."""
 
 from __future__ import annotations
 
@@ -9,25 +9,29 @@ import queue
 import threading
 from collections import Counter
 from collections.abc import Callable
+from contextlib import suppress
 
 from spacepackets.ecss.tc import PusTc
 
 from cdff_common.errors import CdffError, CodecError, DeniedError
 from cdff_common.loops import Loop
-from services.gateway_ccsds.authentication import Command, CommandCounter, CommandKey
+from services.gateway_ccsds.authentication import Command, CommandCounter, CommandKey, Function
 from services.gateway_ccsds.telemetry import EventSeverity, Failure, Stage, Telemetry
 
 logger = logging.getLogger(__name__)
 
 _SERVICE, _SUBTYPE = 8, 1
-#: Commands that wait for their execution.
+#: Commands that wait for their execution in one thread.
 _MAX_WAITING = 16
 
-_Waiting = tuple[Command, "PusTc | None", str]
+_Waiting = tuple[Command, "PusTc | None"]
+_Queue = queue.Queue["_Waiting | None"]
+#: Executes a command, calls the second argument with its progress in words, and returns its result in words.
+Execute = Callable[[Command, Callable[[str], None]], str]
 
 
 class CommandReceiver:
-    """Checks commands, and executes them one after the other in a thread.
+    """Checks commands, and executes them one after the other in a thread; cancellations in another one.
 
     Parameters
     ----------
@@ -37,11 +41,11 @@ class CommandReceiver:
         None to refuse all commands.
     counter : CommandCounter
     telemetry : Telemetry
-        For verification reports; a command file is reported by events.
+        Sends verification reports of packets, and events for command files.
     execute : callable
-        Executes a command and returns its result in words; raises CdffError.
-    loop : Loop
-        Health of the thread.
+        Executes a command; its exceptions are reported as failures.
+    loop, cancel_loop : Loop
+        Health of the threads.
 
     Attributes
     ----------
@@ -56,27 +60,35 @@ class CommandReceiver:
         key: CommandKey | None,
         counter: CommandCounter,
         telemetry: Telemetry,
-        execute: Callable[[Command], str],
+        execute: Execute,
         loop: Loop,
+        cancel_loop: Loop,
     ) -> None:
         self._robot, self._apid, self._key, self._counter = robot, apid, key, counter
         self._telemetry, self._execute = telemetry, execute
-        self._waiting: queue.Queue[_Waiting | None] = queue.Queue(_MAX_WAITING)
         self._lock = threading.Lock()
-        self._thread = threading.Thread(
-            target=loop.run, args=(self._waiting.get, self._work), name="commands"
-        )
-        self._thread.daemon = True
-        self._thread.start()
         self.counters: Counter[str] = Counter()
+        self._waiting, self._cancellations = _Queue(_MAX_WAITING), _Queue(_MAX_WAITING)
+        self._threads = [
+            threading.Thread(target=health.run, args=(waiting.get, self._work), name=health.name, daemon=True)
+            for health, waiting in ((loop, self._waiting), (cancel_loop, self._cancellations))
+        ]
+        for thread in self._threads:
+            thread.start()
 
     def close(self) -> None:
-        """End after the present command."""
-        self._waiting.put(None)
-        self._thread.join(5.0)
+        """Stop after the current commands; commands that wait are not executed."""
+        with self._lock:
+            for waiting in (self._waiting, self._cancellations):
+                with suppress(queue.Empty):
+                    while True:
+                        waiting.get_nowait()
+                waiting.put(None)
+        for thread in self._threads:
+            thread.join(5.0)
 
     def on_packet(self, data: bytes) -> None:
-        """Take a telecommand packet; without a valid checksum and APID it is dropped and counted."""
+        """Process a telecommand packet; one with a wrong checksum or APID is counted and dropped."""
         try:
             tc = PusTc.unpack(data)
         except Exception as error:  # noqa: BLE001  # the library does not list its errors
@@ -93,7 +105,7 @@ class CommandReceiver:
         self._accept(bytes(tc.app_data), tc, "packet")
 
     def on_file(self, name: str, content: bytes) -> None:
-        """Take a command file."""
+        """Process a command file."""
         self._accept(content, None, f"file {name[:60]}")
 
     def _accept(self, data: bytes, tc: PusTc | None, source: str) -> None:
@@ -102,7 +114,8 @@ class CommandReceiver:
                 if self._key is None:
                     raise DeniedError("commands are refused: the settings name no command_key")
                 command = self._key.open(self._robot, data)
-                if self._waiting.full():
+                waiting = self._cancellations if command.function is Function.CANCEL else self._waiting
+                if waiting.full():
                     self._refuse(tc, source, Failure.OVERLOADED, f"{_MAX_WAITING} commands wait")
                     return
                 self._counter.take(command.counter)
@@ -113,7 +126,7 @@ class CommandReceiver:
             self.counters["accepted"] += 1
             if tc is not None:
                 self._telemetry.verification(tc, Stage.ACCEPTANCE)
-            self._waiting.put((command, tc, source))
+            waiting.put((command, tc))
 
     def _refuse(self, tc: PusTc | None, source: str, failure: Failure, text: str) -> None:
         self.counters["refused"] += 1
@@ -124,20 +137,29 @@ class CommandReceiver:
             self._telemetry.verification(tc, Stage.ACCEPTANCE, failure, text)
 
     def _work(self, waiting: _Waiting) -> None:
-        command, tc, _ = waiting
+        command, tc = waiting
         if tc is not None:
             self._telemetry.verification(tc, Stage.START)
         name = command.function.name.lower()
+
+        def report(text: str) -> None:
+            self._telemetry.event(EventSeverity.INFORMATIVE, "command_progress", name, text)
+
         try:
-            result = self._execute(command)
-        except CdffError as error:
-            self.counters["failed"] += 1
-            text = f"{type(error).__name__}: {error}"
-            if tc is not None:
-                self._telemetry.verification(tc, Stage.COMPLETION, Failure.EXECUTION, text)
-            self._telemetry.event(EventSeverity.LOW, "command_failed", name, text)
+            result = self._execute(command, report)
+        except Exception as error:
+            self._fail(tc, name, f"{type(error).__name__}: {error}")
+            if not isinstance(error, CdffError | OSError):
+                raise  # the loop counts and logs it
             return
         self.counters["executed"] += 1
         if tc is not None:
             self._telemetry.verification(tc, Stage.COMPLETION)
         self._telemetry.event(EventSeverity.INFORMATIVE, "command_executed", name, result)
+
+    def _fail(self, tc: PusTc | None, name: str, text: str) -> None:
+        self.counters["failed"] += 1
+        logger.warning("command %s failed: %s", name, text)
+        if tc is not None:
+            self._telemetry.verification(tc, Stage.COMPLETION, Failure.EXECUTION, text)
+        self._telemetry.event(EventSeverity.LOW, "command_failed", name, text)

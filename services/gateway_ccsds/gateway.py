@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The gateway: products and alarms of the DPM, the ground segment, and the contacts between them."""
+"""The gateway: it connects the DPM and the orchestrator with the ground segment during contacts."""
 
 from __future__ import annotations
 
@@ -15,15 +15,16 @@ from cdff_common.bus import Bus, Message, keys
 from cdff_common.bus.message import unpack
 from cdff_common.client import Client
 from cdff_common.clock import monotonic_s
-from cdff_common.errors import CdffError, CodecError, InputError, UnavailableError
+from cdff_common.errors import CdffError, CodecError, UnavailableError
 from cdff_common.interfaces.contact_plan import ContactPlan, load_contact_plan
 from cdff_common.output import make_folder
 from services.alarms import Severity
-from services.gateway_ccsds.authentication import Command, CommandCounter, CommandKey, Function
+from services.gateway_ccsds.authentication import CommandCounter, CommandKey
 from services.gateway_ccsds.commands import CommandReceiver
 from services.gateway_ccsds.datagrams import DatagramPort, parse_address
 from services.gateway_ccsds.delivery import Delivery
 from services.gateway_ccsds.feed import Feed
+from services.gateway_ccsds.functions import Functions
 from services.gateway_ccsds.settings import CcsdsSettings
 from services.gateway_ccsds.spool import Spool
 from services.gateway_ccsds.telemetry import EventSeverity, Housekeeping, Telemetry
@@ -33,11 +34,10 @@ logger = logging.getLogger(__name__)
 SERVICE = "gateway_ccsds"
 _STEP_S = 0.2
 _STATUS_S = 1.0
-#: Pause after the DPM did not answer, seconds.
+#: Pause after a call that the DPM did not answer, seconds.
 _RETRY_S = 2.0
-#: Duration of the execution of one command after which its thread counts as hung, seconds.
+#: Longest cycle of a thread; one that takes longer is reported as a problem, seconds.
 _BUSY_LIMIT_S = 700.0
-_DEADLINE_S = 600.0
 _SEVERITY = {Severity.WARNING: EventSeverity.MEDIUM, Severity.CRITICAL: EventSeverity.HIGH}
 
 
@@ -67,7 +67,7 @@ class Gateway:
     def __init__(
         self, settings: CcsdsSettings, folder: Path, data_dir: Path, bus: Bus, client: Client
     ) -> None:
-        self._settings, self._bus, self._client = settings, bus, client
+        self._settings, self._bus = settings, bus
         robot, state = settings.robot, make_folder(data_dir / SERVICE / settings.robot)
         self._plan = _plan(settings, folder)
         key = None if settings.command_key is None else CommandKey.read(folder / settings.command_key)
@@ -77,14 +77,24 @@ class Gateway:
         self._pdu_port = DatagramPort(parse_address(cfdp.listen), parse_address(cfdp.peer))
         self._telemetry = Telemetry(packets.apid, self._packet_port.send, self._clock.now_ns)
         self._spool = Spool(make_folder(state / "outgoing"), cfdp.transaction_bytes)
+        self._feed = Feed(
+            robot,
+            client,
+            self._spool,
+            settings.products,
+            state / "position",
+            cfdp.spool_bytes,
+            self._on_alarm_event,
+        )
         self._commands = CommandReceiver(
             robot,
             packets.apid,
             key,
             CommandCounter(state / "command_counter"),
             self._telemetry,
-            self._execute,
+            Functions(robot, client, self._feed).execute,
             bus.loops.add("commands", _BUSY_LIMIT_S),
+            bus.loops.add("cancellations", _BUSY_LIMIT_S),
         )
         self._delivery = Delivery(
             cfdp,
@@ -95,22 +105,13 @@ class Gateway:
             bus.loops.add("cfdp", _BUSY_LIMIT_S),
             max((window.delay_s for window in self._windows()), default=0.0),
         )
-        self._feed = Feed(
-            robot,
-            client,
-            self._spool,
-            settings.products,
-            state / "position",
-            cfdp.spool_bytes,
-            self._on_alarm_event,
-        )
         self._alarms: dict[str, list[Mapping[str, Any]]] = {}
         for scope in (robot, keys.GROUND):
             bus.subscribe(keys.alarms(scope, "*"), self._on_alarms)
         self._feed_pause_s, self._problem = 0.0, ""
 
     def run(self, stop: threading.Event) -> None:
-        """Work until ``stop`` is set."""
+        """Run until ``stop`` is set."""
         with ExitStack() as stack:
             stack.callback(self._packet_port.close)
             self._packet_port.start(self._commands.on_packet)
@@ -132,12 +133,12 @@ class Gateway:
                     )
 
     def problem(self) -> str:
-        """Return why nothing is received; empty if it is."""
+        """Return the reason why no datagrams can be received; empty if they can."""
         ports = (self._packet_port, self._pdu_port)
         return "" if all(port.is_healthy for port in ports) else "a thread that receives datagrams has ended"
 
     def housekeeping(self) -> Housekeeping:
-        """Return the present housekeeping report."""
+        """Return the current housekeeping report."""
         products, size = self._spool.size()
         alarms = [alarm for items in tuple(self._alarms.values()) for alarm in items]
         critical = sum(alarm.get("severity") == Severity.CRITICAL for alarm in alarms)
@@ -184,7 +185,7 @@ class Gateway:
             self._telemetry.set_contact(in_contact)
 
     def _read(self) -> None:
-        """Read the events of the DPM; without an answer they are read later."""
+        """Read the events of the DPM; after an error, try again after a pause."""
         if monotonic_s() < self._feed_pause_s:
             return
         try:
@@ -217,29 +218,6 @@ class Gateway:
             str(event.get("source", "")),
             str(event.get("what", "")) if is_active else f"ended: {event.get('what', '')}",
         )
-
-    def _execute(self, command: Command) -> str:
-        """Execute a command and return its result in words."""
-        arguments = dict(command.arguments)
-        match command.function:
-            case Function.REQUEST:
-                product = arguments.pop("type", None)
-                if not isinstance(product, str):
-                    raise InputError("request: the argument type is missing")
-                deadline_s = min(float(arguments.pop("deadline_ms", 20_000)) / 1000.0, _DEADLINE_S)
-                answer = self._client.request(
-                    product, robot=self._settings.robot, deadline_s=deadline_s, **arguments
-                )
-                names = {"dfpc": answer.header.producer, "delivered": dict(answer.delivered)}
-                self._feed.add(answer, product, names, arguments.get("format"))
-                return f"product {answer.header.id}"
-            case Function.SEND:
-                product_id = str(arguments.get("id"))
-                self._feed.send(product_id, arguments.get("format"))
-                return f"product {product_id}"
-            case Function.CANCEL:
-                self._client.cancel(str(arguments.get("job")), self._settings.robot)
-                return f"job {arguments.get('job')}"
 
 
 def _plan(settings: CcsdsSettings, folder: Path) -> ContactPlan | None:

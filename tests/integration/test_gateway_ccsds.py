@@ -105,7 +105,7 @@ def test_yamcs_receives_a_map_in_spite_of_a_kill_and_shows_status_and_alarms(
     large = system.put(elevation(0.0, t1_ns=S, cells=330), "dem", 1)
     eventually(lambda: any(name.endswith(".001") for name in yamcs.objects()), 120, "the first file")
     station.restart()
-    sidecar_name = f"mana-dem-1-{large}.json"
+    sidecar_name = f"mana-dem-1-{large}.sidecar.json"
     eventually(lambda: yamcs.object(sidecar_name), 120, "the sidecar")
     sidecar = json.loads(yamcs.object(sidecar_name) or b"")
     parts = [yamcs.object(file["name"]) or b"" for file in sidecar["files"]]
@@ -139,19 +139,29 @@ def test_commands_of_yamcs_are_executed_once_and_forged_ones_refused(
         lambda: yamcs.verifications(command).get("Verifier_Complete_Status") == "OK", 120, "completion"
     )
     assert yamcs.verifications(command)["Verifier_Accepted_Status"] == "OK"
-    eventually(lambda: any(small in name and name.endswith(".json") for name in yamcs.objects()), 120, "file")
+    eventually(
+        lambda: any(small in name and name.endswith(".sidecar.json") for name in yamcs.objects()), 120, "file"
+    )
     for refused in (body, body[:-1] + bytes([body[-1] ^ 1])):
         again = yamcs.perform(refused)
         eventually(
             lambda c=again: yamcs.verifications(c).get("Verifier_Accepted_Status") == "NOK", 120, "refusal"
         )
     unknown = yamcs.perform(sealed(key, Function.SEND, id="7b0b7d3c-0000-5000-8000-000000000000"))
-    eventually(lambda: yamcs.verifications(unknown).get("Verifier_Complete_Status") == "NOK", 120, "failure")
+    wrong = yamcs.perform(sealed(key, Function.REQUEST, type="dem", deadline_ms="abc"))
+    for failed in (unknown, wrong):
+        eventually(
+            lambda c=failed: yamcs.verifications(c).get("Verifier_Complete_Status") == "NOK", 120, "failure"
+        )
+    text = "InputError: deadline_ms='abc': expected a number"
+    eventually(lambda: ("WARNING", f"command_failed of request: {text}") in yamcs.events(), 120, "the reason")
 
     # A command file by CFDP.
     asked = system.put(cloud(3), "pointcloud", 3)
     yamcs.upload("send.command", sealed(key, Function.SEND, id=asked))
-    eventually(lambda: any(asked in name and name.endswith(".json") for name in yamcs.objects()), 120, "file")
-    expected = {"accepted": 3, "refused": 2, "executed": 2, "failed": 1}
-    # The status is published once in a period, and keeps the counts of before until then.
+    eventually(
+        lambda: any(asked in name and name.endswith(".sidecar.json") for name in yamcs.objects()), 120, "file"
+    )
+    expected = {"accepted": 4, "refused": 2, "executed": 2, "failed": 2}
+    # The status is published periodically; the last commands are counted in the next one.
     eventually(lambda: station.state()["commands"] == expected, 60, "the counts of the status")

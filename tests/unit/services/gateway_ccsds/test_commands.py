@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 from __future__ import annotations
 
+import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -35,6 +36,13 @@ def test_a_changed_byte_is_denied(position: int) -> None:
     data[position] ^= 1
     with pytest.raises(DeniedError):
         KEY.open("mana", bytes(data))
+
+
+@pytest.mark.parametrize("arguments", [b"", b"x", b"[]", b"\xff", 1500 * b"[", b'{"a": ' * 600])
+def test_a_command_without_an_object_as_arguments_is_malformed(arguments: bytes) -> None:
+    data = b"\1" + bytes(8) + arguments
+    with pytest.raises(CodecError):
+        KEY.open("mana", data + KEY._code("mana", data))
 
 
 @pytest.mark.parametrize("data", [b"", bytes(24), bytes(5000)])
@@ -71,13 +79,26 @@ class Station:
         self.executed: list[Command] = []
         telemetry = Telemetry(77, self.sent.append, lambda: 10**9)
         telemetry.set_contact(True)
-        loop = Loops().add("commands")
+        self.loop, cancel_loop = Loops().add("commands"), Loops().add("cancellations")
         counter = CommandCounter(folder / "counter")
-        self.receiver = CommandReceiver("mana", 77, KEY, counter, telemetry, self.execute, loop)
+        self.cancelled = threading.Event()
+        self.receiver = CommandReceiver(
+            "mana", 77, KEY, counter, telemetry, self.execute, self.loop, cancel_loop
+        )
 
-    def execute(self, command: Command) -> str:
+    def execute(self, command: Command, report: Callable[[str], None]) -> str:
+        match command.arguments:
+            case {"fail": "unavailable"}:
+                raise UnavailableError("no orchestrator")
+            case {"fail": "disk"}:
+                raise OSError(28, "No space left on device")
+            case {"fail": "defect"}:
+                raise TypeError("a defect")
+        if command.function is Function.REQUEST:
+            report("job 1: running")
+            assert self.cancelled.wait(10.0)
         if command.function is Function.CANCEL:
-            raise UnavailableError("no orchestrator")
+            self.cancelled.set()
         self.executed.append(command)
         return "done"
 
@@ -110,12 +131,53 @@ def test_a_command_is_verified_at_each_stage_and_executed_once(station: Station)
     assert station.receiver.counters == {"accepted": 1, "executed": 1, "refused": 1}
 
 
-def test_a_failed_execution_is_reported_with_its_reason(station: Station) -> None:
-    station.send(KEY.seal("mana", Command(Function.CANCEL, 1, {})))
+@pytest.mark.parametrize(
+    ("reason", "text"),
+    [
+        ("unavailable", b"UnavailableError: no orchestrator"),
+        ("disk", b"OSError: [Errno 28] No space left on device"),
+        ("defect", b"TypeError: a defect"),
+    ],
+)
+@pytest.mark.parametrize("function", Function)
+def test_each_failed_execution_is_reported_with_its_reason_and_the_next_command_is_executed(
+    station: Station, function: Function, reason: str, text: bytes
+) -> None:
+    station.send(KEY.seal("mana", Command(function, 1, {"fail": reason})))
     assert station.reports(4) == [(1, 1), (1, 3), (1, 8), (5, 2)]
     failure = PusTm.unpack(station.sent[2], timestamp_len=8)
     assert failure.source_data[4:6] == b"\0\4"
-    assert failure.source_data[7:] == b"UnavailableError: no orchestrator"
+    assert failure.source_data[7:] == text
+    station.cancelled.set()
+    station.send(KEY.seal("mana", Command(function, 2, {})))
+    assert (1, 7) in station.reports(8)
+    assert station.receiver.counters == {"accepted": 2, "failed": 1, "executed": 1}
+
+
+def test_a_cancellation_is_executed_while_a_request_is(station: Station) -> None:
+    request, cancel = Command(Function.REQUEST, 1, {"type": "dem"}), Command(Function.CANCEL, 2, {"job": "1"})
+    station.send(KEY.seal("mana", request))
+    assert station.reports(3) == [(1, 1), (1, 3), (5, 1)]
+    progress = PusTm.unpack(station.sent[2], timestamp_len=8)
+    assert progress.source_data == b"\x10command_progress\x07request\x0ejob 1: running"
+    station.send(KEY.seal("mana", cancel))
+    station.reports(9)
+    assert sorted(station.executed, key=lambda command: command.counter) == [request, cancel]
+
+
+def test_at_the_end_waiting_commands_are_not_executed(tmp_path: Path) -> None:
+    station = Station(tmp_path)
+    for counter in range(17):
+        station.send(KEY.seal("mana", Command(Function.REQUEST, counter, {"type": "dem"})))
+        station.reports(1)
+        deadline_s = time.monotonic() + 10.0
+        while counter == 0 and len(station.sent) < 3 and time.monotonic() < deadline_s:
+            time.sleep(0.005)
+    station.send(KEY.seal("mana", Command(Function.REQUEST, 17, {"type": "dem"})))
+    assert station.receiver.counters == {"accepted": 17, "refused": 1}
+    threading.Timer(0.1, station.cancelled.set).start()
+    station.receiver.close()
+    assert [command.counter for command in station.executed] == [0]
 
 
 def test_packets_of_others_and_damaged_ones_are_dropped_and_other_services_refused(station: Station) -> None:
