@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Evaluations as units of a campaign on Dask, which continue after an interruption."""
+"""Execution of evaluations on Dask workers as units of a campaign, which can be resumed."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from cdff_common.errors import RefusedError
 from cdff_dev.campaign.runner import TABLE, run_campaign, write_table
 from cdff_dev.campaign.units import Unit
 
-#: Longest evaluation, seconds.
+#: Largest duration of an evaluation, seconds.
 _TIMEOUT_S = 24 * 3600.0
 
 
 def figures(
     root: Path, names: list[str], data: Path, args: argparse.Namespace, origin: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Return the results of evaluations by name, executed by workers with ``root`` in common.
+    """Run evaluations on workers that can access ``root``, and return the results by name.
 
-    Results of the same commit and options in ``build/evaluation`` are used again; with uncommitted changes
-    all evaluations run.
+    Results in ``build/evaluation`` of the same commit and options are reused; with uncommitted changes all
+    evaluations are run.
 
     Raises
     ------

@@ -14,7 +14,7 @@ from cdff_common.errors import InputError, UnavailableError
 from cdff_common.extras import import_extra
 from cdff_dev.campaign.units import Unit, run_unit
 
-#: Workers that may end while they execute a unit, until the unit counts as their cause.
+#: Number of workers that may end while they execute the same unit; one more is taken as a fault of the unit.
 _ALLOWED_FAILURES = 3
 _CONNECT_S = 20.0
 TABLE = "results.parquet"
@@ -30,26 +30,26 @@ def run_campaign(
     timeout_s: float = 3600.0,
     on_result: OnResult = lambda _: None,
 ) -> list[dict[str, Any]]:
-    """Run units, and return their results in order; those with a result in ``folder`` do not run again.
+    """Run units and return their results in order; units with a result in ``folder`` are not run again.
 
     Parameters
     ----------
     folder : Path
-        Folder of the results; with Dask one that all workers share.
+        Folder of the results; with Dask, a folder that all workers can access.
     dask : str, optional
-        Address of the scheduler, such as ``tcp://10.0.0.1:8786``; by default the units run one after the
-        other on this machine.
+        Address of the scheduler, such as ``tcp://10.0.0.1:8786``; by default the units run sequentially on
+        this machine.
     timeout_s : float
-        Longest run of a unit.
+        Largest duration of a unit, seconds.
     on_result : callable
-        Called with each result when it is there.
+        Called with each result when it is available.
 
     Raises
     ------
     InputError
         If two units have the same name.
     UnavailableError
-        If the scheduler does not answer, or a unit has ended several workers.
+        If the scheduler does not answer, or several workers ended while they executed the same unit.
     """
     if len({unit.name for unit in units}) != len(units):
         raise InputError("campaign: two units have the same name")
@@ -65,7 +65,7 @@ def run_campaign(
 
 
 def write_table(results: Iterable[Mapping[str, Any]], path: Path) -> None:
-    """Write results as Parquet, a row for each unit: labels, exit code, times, and ``summary`` as JSON."""
+    """Write a Parquet table with a row for each unit: labels, exit code, times, and ``summary`` as JSON."""
     pyarrow, parquet = import_extra("pyarrow"), import_extra("pyarrow.parquet")
     rows = [
         {

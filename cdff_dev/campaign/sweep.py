@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""``cdff replay LOG --dfpc NAME --sweep FILE``: replays with all combinations of parameter values."""
+"""``cdff replay LOG --dfpc NAME --sweep FILE``: one replay for each combination of parameter values."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from cdff_dev.campaign.units import Unit
 
 #: Names in a sweep that are options of the replay, not parameters of the DFPC.
 _OPTIONS = ("seed", "implementation", "start", "duration")
-#: Options of the replay that each unit repeats.
+#: Options of the command that are passed to each replay: values, files, and lists of files.
 _SHARED = ("robot", "implementation", "start", "duration", "seed", "until")
 _FILES = ("profile", "guess", "poses", "calibration")
 _LISTS = ("map", "mask", "model")
@@ -30,14 +30,14 @@ MAX_UNITS = 10_000
 
 
 def run_sweep(args: argparse.Namespace) -> int:
-    """Replay all combinations of a sweep, and write the table of their results; return 0.
+    """Run a replay for each combination of parameter values and write the table of results; return 0.
 
     Raises
     ------
     InputError
-        If the sweep is malformed, or ``--dfpc`` or ``--out`` is missing.
+        If the file is malformed, or ``--dfpc`` or ``--out`` is missing.
     RefusedError
-        If a unit failed.
+        If a replay failed.
     """
     if args.dfpc is None or args.out is None:
         raise InputError("--sweep: expected --dfpc NAME and --out DIR")
@@ -61,7 +61,7 @@ def run_sweep(args: argparse.Namespace) -> int:
 def units_of(
     args: argparse.Namespace, values: Mapping[str, Any], base: Mapping[str, Any], folder: Path
 ) -> Iterator[Unit]:
-    """Yield a replay for each combination of values; their configurations are files in ``folder``.
+    """Write a configuration file for each combination of values to ``folder``, and yield its replay.
 
     Parameters
     ----------
@@ -69,7 +69,13 @@ def units_of(
         Values of parameters of the DFPC (``group.name``), or of the options ``seed``, ``implementation``,
         ``start`` and ``duration``.
     base : mapping
-        Parameters of the DFPC that all replays have.
+        Parameters of the DFPC that are the same in all replays.
+
+    Raises
+    ------
+    InputError
+        If a value is not a list, there are more than ``MAX_UNITS`` combinations, or the folder contains
+        another sweep.
     """
     for name, choices in values.items():
         if not isinstance(choices, list) or not choices:
@@ -88,7 +94,7 @@ def units_of(
         record = json.dumps([vars_of(args, labels), text])
         stated = configurations / f"{name}.json"
         if stated.exists() and stated.read_text(encoding="utf-8") != record:
-            raise InputError(f"{folder} holds results of another sweep ({name} differs): name a new folder")
+            raise InputError(f"{folder} contains another sweep ({name} differs): name a new folder")
         path.write_text(text, encoding="utf-8")
         stated.write_text(record, encoding="utf-8")
         arguments = ["-m", "cdff_common.cli", "replay", str(Path(args.log).resolve()), "--dfpc", args.dfpc]
@@ -99,7 +105,7 @@ def units_of(
 
 
 def vars_of(args: argparse.Namespace, labels: Mapping[str, Any]) -> dict[str, list[Any]]:
-    """Return the options of a unit with their values."""
+    """Return the options of the replay with ``labels``, each with a list of values."""
     options = {name: [getattr(args, name)] for name in _SHARED if getattr(args, name) is not None}
     options |= {name: [_absolute(getattr(args, name))] for name in _FILES if getattr(args, name) is not None}
     options |= {name: [_absolute(v) for v in getattr(args, name)] for name in _LISTS if getattr(args, name)}
@@ -107,12 +113,12 @@ def vars_of(args: argparse.Namespace, labels: Mapping[str, Any]) -> dict[str, li
 
 
 def _absolute(value: str | Path) -> str:
-    """Return the absolute path of a file: workers have other folders; other values as they are."""
+    """Return the absolute path of an existing file, because workers run in other folders; else the value."""
     return str(Path(value).resolve()) if Path(value).exists() else str(value)
 
 
 def _merged(base: Mapping[str, Any], parameters: Mapping[str, Any]) -> dict[str, Any]:
-    """Return ``base`` with parameters, whose names are paths with dots."""
+    """Return ``base`` with the parameters replaced; the name of a parameter is ``group.name``."""
     merged: dict[str, Any] = copy.deepcopy(dict(base))
     for name, value in parameters.items():
         *groups, last = name.split(".")

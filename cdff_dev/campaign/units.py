@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""A unit of a campaign: one command in a process of its own, whose folder appears complete or not at all.
+"""A unit of a campaign: one command, run in a separate process, with a folder for its results.
 
 This module uses the standard library only: workers of Dask import it.
 """
@@ -26,16 +26,16 @@ _TAIL_CHARACTERS = 2000
 
 @dataclass(frozen=True, slots=True)
 class Unit:
-    """A run of Python.
+    """A command of the Python interpreter.
 
     Attributes
     ----------
     name : str
-        Unique in its campaign; the name of its folder.
+        Name of the folder of the unit, unique in the campaign.
     arguments : tuple of str
         Arguments of ``python``; ``{out}`` is replaced by the folder of the unit.
     labels : dict
-        What distinguishes the unit, for the table of results.
+        Values that distinguish the unit, for the table of results.
     """
 
     name: str
@@ -46,14 +46,14 @@ class Unit:
 def run_unit(unit: Unit, folder: str, timeout_s: float) -> dict[str, Any]:
     """Run a unit unless its result exists, and return the result.
 
-    The command writes into a folder of this attempt, which is renamed when it has ended. Of two attempts at
-    the same time, such as after the connection to a worker was lost, the first determines the result.
+    The command writes to a temporary folder, which is renamed when the command has ended. If two workers
+    execute the same unit, for example because the connection to one was lost, the first result is kept.
 
     Returns
     -------
     dict
-        ``name``, ``labels``, ``exit_code`` (-1 after ``timeout_s``), ``wall_s``, ``error``: the end of the
-        standard error of a failed command, ``summary``: its ``summary.json``, and ``pid``.
+        ``name``, ``labels``, ``exit_code`` (-1 after ``timeout_s``), ``wall_s``, ``cpu_s``, ``error`` (end of
+        the standard error of a failed command), ``summary`` (content of ``summary.json``) and ``pid``.
     """
     final = Path(folder) / unit.name
     if (final / RESULT).is_file():

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Gateway to a ground segment: products leave as files over CFDP, telemetry and commands are PUS packets.
+"""Gateway to a ground segment: it sends products as files over CFDP; telemetry and commands are PUS packets.
 
 python -m services.gateway_ccsds --settings FILE [--connect tcp/127.0.0.1:7447]
 """
@@ -21,7 +21,9 @@ def main(argv: list[str] | None = None) -> int:
     """Run until SIGTERM."""
     parser = argparse.ArgumentParser(prog="gateway_ccsds", description=__doc__)
     add_gateway_options(parser)
-    parser.add_argument("--data-dir", default=None, help="folder of its state; default: CDFF_DATA_DIR")
+    parser.add_argument(
+        "--data-dir", default=None, help="folder of the state of the gateway; default: CDFF_DATA_DIR"
+    )
     args = parser.parse_args(argv)
     cap_threads(1)
 

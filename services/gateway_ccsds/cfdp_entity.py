@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Configuration of the library cfdp-py: entities, timers, faults, and the files that it can reach.
+"""Configuration of the library cfdp-py: entities, timers, faults, and access to files.
 
-The ground segment can neither read, change nor remove files of this machine: files of the spool are read only
-because the gateway sends them, and received files are small and in memory.
+The ground segment can neither read, change nor remove files of this machine: the library reads only the file
+that the gateway sends, and keeps received files, whose size is limited, in memory.
 """
 
 from __future__ import annotations
@@ -32,14 +32,14 @@ logger = logging.getLogger(__name__)
 
 #: Largest received file, bytes: the ground segment sends commands only.
 MAX_RECEIVED_BYTES = 65536
-#: Bytes of a PDU with file data in addition to these: header with ids of 2 and a number of 4 bytes, offset.
+#: Bytes of a PDU in addition to its file data: header with ids of 2 and a number of 4 bytes, and offset.
 _OVERHEAD_BYTES = 4 + 2 + 4 + 2 + 4
-#: Expirations of a timer until a fault; the gateway itself limits the duration of a transaction.
+#: Expirations of a timer before a fault; unlimited, because the gateway limits the duration of a transaction.
 _UNLIMITED = 1 << 30
 
 
 class Faults(DefaultFaultHandlerBase):  # type: ignore[misc]  # the library has no types
-    """Faults of transactions, which are logged."""
+    """Handler that logs the faults of transactions."""
 
     def notice_of_cancellation_cb(self, transaction_id: Any, cond: Any, progress: int) -> None:
         """Log the end of a transaction."""
@@ -91,7 +91,7 @@ class User(CfdpUserBase):  # type: ignore[misc]
 
 
 class SentFile(NativeFilestore):  # type: ignore[misc]
-    """The file of one transaction, whose name in the PDUs has no folder.
+    """The one file that a transaction sends; its name in the PDUs has no folder.
 
     Parameters
     ----------
@@ -116,7 +116,7 @@ class SentFile(NativeFilestore):  # type: ignore[misc]
     def calculate_checksum(
         self, checksum_type: Any, file_path: Path, size_to_verify: int, segment_len: int = 4096
     ) -> bytes:
-        """Return the checksum of the file."""
+        """Return the checksum of the sent file."""
         return bytes(super().calculate_checksum(checksum_type, self._path, size_to_verify, segment_len))
 
 
@@ -176,13 +176,16 @@ class MemoryFiles(NativeFilestore):  # type: ignore[misc]
 
 
 def local_entity(settings: CfdpSettings) -> Any:
-    """Return the configuration of the own entity."""
+    """Return the configuration of the entity of the robot."""
     indications = IndicationConfig(False, False, False, True, False, False)
     return LocalEntityConfig(ByteFieldU16(settings.entity), indications, Faults())
 
 
 def remote_entities(settings: CfdpSettings, timer_s: float) -> Any:
-    """Return the table with the entity of the ground segment; ``timer_s``: interval of EOF and Finished."""
+    """Return the table with the entity of the ground segment.
+
+    ``timer_s`` is the interval after which an EOF, Finished or NAK PDU is repeated, seconds.
+    """
     remote = RemoteEntityConfig(
         entity_id=ByteFieldU16(settings.remote),
         max_file_segment_len=settings.segment_bytes,

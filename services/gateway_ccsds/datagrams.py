@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""UDP sockets of the gateway: received datagrams of the ground segment only."""
+"""UDP sockets of the gateway, which accept datagrams of the ground segment only."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from cdff_common.errors import ConfigurationError, UnavailableError
 
 _MAX_BYTES = 65535
 _RECEIVE_BUFFER_BYTES = 4 << 20
-#: Interval at which a receiver checks whether it shall end, seconds.
+#: Interval at which a receiver checks whether it is stopped, seconds.
 _POLL_S = 0.2
 
 Address = tuple[str, int]
@@ -28,9 +28,9 @@ def parse_address(text: str) -> Address:
 
 
 class DatagramPort:
-    """A UDP socket whose received datagrams a thread passes on.
+    """A UDP socket with a thread that receives.
 
-    Datagrams of other hosts than the peer are counted (``foreign``) and dropped.
+    Datagrams of hosts other than the peer are counted (``foreign``) and dropped.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ class DatagramPort:
     ConfigurationError
         If the name of the peer cannot be resolved.
     UnavailableError
-        If the own address cannot be used.
+        If the address ``listen`` cannot be used.
     """
 
     def __init__(self, listen: Address, peer: Address) -> None:
@@ -72,12 +72,12 @@ class DatagramPort:
         self.counters["sent_bytes"] += len(data)
 
     def start(self, on_receive: Callable[[bytes], object]) -> None:
-        """Pass received datagrams to ``on_receive``."""
+        """Start the thread, which calls ``on_receive`` with each received datagram."""
         self._thread = threading.Thread(target=self._run, args=(on_receive,), name="datagrams", daemon=True)
         self._thread.start()
 
     def close(self) -> None:
-        """End the thread and close the socket."""
+        """Stop the thread and close the socket."""
         self._stop.set()
         if self._thread is not None:
             self._thread.join(5 * _POLL_S)
@@ -85,7 +85,7 @@ class DatagramPort:
 
     @property
     def is_healthy(self) -> bool:
-        """False if the thread has ended without being asked to."""
+        """False if the thread has ended although it was not stopped."""
         return self._thread is None or self._thread.is_alive() or self._stop.is_set()
 
     def _run(self, on_receive: Callable[[bytes], object]) -> None:

@@ -2,9 +2,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Transfer of the files of the spool by CFDP class 2, and reception of command files.
 
-One thread steps all transactions. A file is sent when all data of the previous one are sent, so that a
-restart repeats one file from its start, and files without a confirmation. Out of contact
-nothing is sent and no timer counts: the transactions continue in the next window.
+One thread processes all transactions. The data of a file are sent when all data of the previous file have
+been sent. After a restart the file that was being sent, and files that the ground segment has not confirmed,
+are sent again from their start. Out of contact nothing is sent and the timers stop: the transactions continue
+in the next contact window.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ from services.gateway_ccsds.transfers import IncomingFile, OutgoingTransfer
 
 logger = logging.getLogger(__name__)
 
-#: Files whose data are sent, and that the ground segment has not confirmed.
+#: Largest number of transactions: files that are being sent, or that the ground segment has not confirmed.
 _MAX_UNCONFIRMED = 8
 #: Pause before a file that was not delivered is sent again, seconds.
 _RETRY_S = 5.0
@@ -45,7 +46,7 @@ _STEP_S = 0.005
 _IDLE_STEP_S = 0.05
 _BUSY_LIMIT_S = 30.0
 _MAX_WAITING = 4096
-#: Transaction numbers that a start reserves: those of earlier starts are not used again.
+#: Number of transaction numbers that each start of the gateway reserves for itself.
 _RESERVED = 1 << 20
 _NUMBERS = 1 << 31
 
@@ -70,7 +71,7 @@ class Delivery:
     Attributes
     ----------
     in_contact : bool
-        Set to start and to end the contact.
+        True during a contact; the gateway sets it.
     counters : Counter
         ``delivered`` and ``repeated`` files, ``delivered_bytes``, ``received`` files, ``ignored`` PDUs.
     """
@@ -105,14 +106,14 @@ class Delivery:
         self._thread.start()
 
     def close(self) -> None:
-        """End the thread; files that are not confirmed stay in the spool."""
+        """Stop the thread; files that are not confirmed remain in the spool."""
         self._stop.set()
         self._thread.join(_BUSY_LIMIT_S)
         self._port.close()
 
     @property
     def unconfirmed(self) -> int:
-        """Number of transactions."""
+        """Number of files that are being sent, or that the ground segment has not confirmed."""
         return len(self._transfers)
 
     def _receive(self, data: bytes) -> None:
@@ -166,7 +167,7 @@ class Delivery:
             )
 
     def _begin(self) -> None:
-        """Begin the transfer of the next file, if the data of the previous one are sent."""
+        """Begin the transfer of the next file when all data of the previous one are sent."""
         if len(self._transfers) >= _MAX_UNCONFIRMED or any(t.has_data for t in self._transfers):
             return
         busy, now_s = {transfer.path for transfer in self._transfers}, monotonic_s()
@@ -193,7 +194,7 @@ class Delivery:
                 self._port.send(pdu)
 
     def _end(self) -> None:
-        """Remove files that the ground segment has; repeat those that it refuses or does not answer."""
+        """Remove delivered files from the spool; repeat those that are refused or not answered."""
         now_s = monotonic_s()
         for transfer in tuple(self._transfers):
             if transfer.has_data:
@@ -209,7 +210,7 @@ class Delivery:
                 continue
             self.counters["repeated"] += 1
             self._pauses[transfer.path] = now_s + _RETRY_S
-            logger.warning("%s is not delivered (%s): sent again", transfer.path.name, transfer.failure)
+            logger.warning("%s is not delivered (%s); it is sent again", transfer.path.name, transfer.failure)
         incoming = self._incoming
         if incoming is None:
             return
@@ -221,9 +222,10 @@ class Delivery:
 
 
 def _reserve(path: Path) -> int:
-    """Return the first transaction number of this start, and reserve the following ones on disk.
+    """Return the first transaction number to use, and store on disk the first number for the next start.
 
-    Without a file it is random: the ground segment ignores a transaction with a number of earlier ones.
+    The ground segment ignores a transaction whose number was used before, so each start uses new numbers. If
+    the file does not exist, the first number is random.
     """
     try:
         first = int(path.read_text(encoding="ascii")) if path.exists() else secrets.randbelow(_NUMBERS)

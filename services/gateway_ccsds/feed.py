@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Products and alarms of the DPM in the order of their events, continued after a restart."""
+"""Reading of the products and alarms of the DPM in the order of their events, continued after a restart."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from services.gateway_ccsds.spool import Spool
 logger = logging.getLogger(__name__)
 
 _KINDS = ("inserted", "alarm")
-#: Events of one call.
+#: Largest number of events that one call returns.
 _LIMIT = 200
-#: Priority of products that a command has asked for.
+#: Priority of products that a command has requested.
 ASKED = 0
 
 
@@ -36,18 +36,19 @@ class Feed:
     client : Client
     spool : Spool
     products : sequence of ProductFile
-        Types that leave.
+        Product types that are sent.
     position : Path
         File of the ordinal of the last event that was read.
     spool_bytes : int
-        Size of the spool from which on no events are read.
+        Size of the spool at which the reading of events pauses.
     on_alarm : callable
         Called with the body of each event of an alarm.
 
     Attributes
     ----------
     counters : Counter
-        Products ``spooled``, ``thinned``, ``removed`` before they were read, ``failed`` to be converted.
+        Products that were ``spooled``; ``thinned``: omitted because of ``every_s``; ``removed`` from the DPM
+        before they were read; ``failed``: not convertible to the format.
     """
 
     def __init__(
@@ -73,7 +74,7 @@ class Feed:
             ) from error
 
     def skip(self) -> None:
-        """Set the position to the newest event, for a first start without the backlog."""
+        """Set the position to the newest event: a first start without ``backlog`` omits stored products."""
         position = 0
         while events := self._client.history(kinds=_KINDS, since=position, limit=1000):
             position = events[-1]["ordinal"]
@@ -97,7 +98,7 @@ class Feed:
         return len(events) == _LIMIT
 
     def send(self, product_id: str, form: str | None = None) -> None:
-        """Add a product of the DPM before all others.
+        """Add a stored product to the spool, with the highest priority.
 
         Raises
         ------
@@ -137,7 +138,7 @@ class Feed:
             self.counters["spooled"] += 1
 
     def _is_thinned(self, event: Mapping[str, Any]) -> bool:
-        """Return whether a product follows the previous one of its producer too soon."""
+        """Return whether less than ``every_s`` has passed since the previous product of its producer."""
         key = (event["dfpc"], event["port"], event["product"])
         every_s = self._products[event["product"]][1].every_s
         t1_ns = int(event["t1_ns"])
@@ -156,7 +157,7 @@ class Feed:
             self.counters["removed"] += 1
         except InputError as error:
             self.counters["failed"] += 1
-            logger.error("product %s cannot leave: %s", event["id"], error)
+            logger.error("product %s cannot be sent: %s", event["id"], error)
 
     def _store(self, position: int) -> None:
         self.position = position

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Settings of the gateway to a ground segment."""
+"""Data model of the settings file of the gateway to a ground segment."""
 
 from __future__ import annotations
 
@@ -19,22 +19,22 @@ _MAX_APID = 2046
 
 
 class CfdpSettings(StrictModel):
-    """The transfer of files.
+    """Settings of the transfer of files by CFDP.
 
     Attributes
     ----------
     entity, remote : int
         CFDP entity ids of the robot and of the ground segment.
     listen, peer : str
-        HOST:PORT for received PDUs, and that of the ground segment; one datagram is one PDU.
+        HOST:PORT on which PDUs are received, and to which PDUs are sent; each datagram contains one PDU.
     rate_bit_s : float
-        Rate of the PDUs with file data, without the headers of UDP and IP, bit/s.
+        Largest rate of sent PDUs, without the headers of UDP and IP, bit/s.
     segment_bytes : int
-        File data in a PDU.
+        Largest number of bytes of file data in a PDU.
     transaction_bytes : int
-        Largest file; a larger product leaves in several files.
+        Largest file, bytes; a larger product is split into several files.
     spool_bytes : int
-        Files that wait on disk; products beyond it wait in the DPM.
+        Total size of the files on disk above which further products wait in the DPM.
     """
 
     entity: EntityId
@@ -48,14 +48,15 @@ class CfdpSettings(StrictModel):
 
 
 class PacketSettings(StrictModel):
-    """Telemetry and commands in space packets.
+    """Settings of telemetry and commands in space packets.
 
     Attributes
     ----------
     apid : int
-        Application process id of telemetry and commands.
+        Application process identifier of telemetry and commands.
     listen, peer : str
-        HOST:PORT for commands, and the destination of telemetry; one datagram is one packet.
+        HOST:PORT on which commands are received, and to which telemetry is sent; each datagram contains one
+        packet.
     housekeeping_s : float
         Period of the housekeeping report, seconds.
     """
@@ -67,7 +68,7 @@ class PacketSettings(StrictModel):
 
 
 class ProductFile(StrictModel):
-    """A type of product that leaves as files.
+    """A product type that is sent as files.
 
     Attributes
     ----------
@@ -76,7 +77,7 @@ class ProductFile(StrictModel):
     format : str or None
         File format or codec; None for the stored payload.
     every_s : float
-        Least time between the captures of two products of the same producer that leave, seconds.
+        Shortest interval between the captures of two products of the same producer that are sent, seconds.
     """
 
     type: str
@@ -99,9 +100,9 @@ class CcsdsSettings(GatewayRobot):
     cfdp : CfdpSettings
     packets : PacketSettings
     products : tuple of ProductFile
-        In this order of priority.
+        Product types that are sent, in order of priority.
     backlog : bool
-        True to send also the products that are in the DPM before the first start.
+        True to send also the products that were stored in the DPM before the first start.
     contact_plan : str or None
         File of the contact windows; None for permanent contact.
     command_key : str or None

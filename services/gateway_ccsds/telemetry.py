@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Telemetry in PUS packets (ECSS-E-ST-70-41C): verification, housekeeping and events.
 
-The time of a packet is CUC with 4 octets of seconds and 3 of fractions, agency-defined epoch 1970-01-01 UTC
-without leap seconds (CCSDS 301.0-B-4, 3.2), P-field ``0x2F``.
+The time stamp of a packet is in CUC format with 4 octets of seconds and 3 octets of fractions. Its epoch is
+1970-01-01 UTC, without leap seconds, which is agency-defined (CCSDS 301.0-B-4, 3.2), with P-field ``0x2F``.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from cdff_common.clock import NS_PER_S
 
 _P_FIELD = 0x2F
 _FRACTIONS = 1 << 24
-#: Structure id of the housekeeping report.
+#: Structure identifier of the housekeeping report.
 STRUCTURE = 1
 _HOUSEKEEPING = struct.Struct(">BHHHIQIIIII")
 _MAX_TEXT_BYTES = 255
@@ -34,7 +34,7 @@ _COUNTER = 1 << 16
 
 
 class Stage(IntEnum):
-    """Subtype of PUS service 1 for success; failure is the next number."""
+    """Subtypes of PUS service 1 for success; that of the failure is greater by one."""
 
     ACCEPTANCE = 1
     START = 3
@@ -61,12 +61,12 @@ class EventSeverity(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Housekeeping:
-    """Housekeeping report of structure ``STRUCTURE``, in the order of its fields.
+    """Housekeeping report of structure ``STRUCTURE``; its fields are packed in this order.
 
     Attributes
     ----------
     services : int
-        Liveliness tokens of the robot and the ground, 16 bit.
+        Liveliness tokens under the robot id and ``ground``, 16 bit.
     warnings, criticals : int
         Active alarms, 16 bit.
     waiting_products : int
@@ -94,7 +94,7 @@ class Housekeeping:
 
 
 class Telemetry:
-    """Sender of PUS packets; events and verification reports wait out of contact.
+    """Sender of PUS packets; out of contact, events and verification reports wait for the next contact.
 
     Parameters
     ----------
@@ -114,23 +114,23 @@ class Telemetry:
         self._in_contact = False
 
     def set_contact(self, in_contact: bool) -> None:
-        """Send what waits, at the start of a contact."""
+        """Start or end a contact; at its start the waiting packets are sent."""
         with self._lock:
             self._in_contact = in_contact
             while in_contact and self._held:
                 self._send(self._held.popleft())
 
     def housekeeping(self, report: Housekeeping) -> None:
-        """Send a housekeeping report (3, 25); out of contact there is none."""
+        """Send a housekeeping report (3, 25) in contact; out of contact it is dropped."""
         if self._in_contact:
             self._publish(3, 25, report.pack())
 
     def event(self, severity: EventSeverity, kind: str, source: str, text: str) -> None:
-        """Send an event report (5, severity): three texts, each with a length of one byte."""
+        """Send an event report (5, severity) with three texts, each after its length in one byte."""
         self._publish(5, severity, b"".join(_short_text(part) for part in (kind, source, text)))
 
     def verification(self, tc: PusTc, stage: Stage, failure: Failure | None = None, text: str = "") -> None:
-        """Send a verification report of a command: request id, and for a failure code and text."""
+        """Send a verification report of a command: its request id and, after a failure, a code and a text."""
         data = RequestId.from_pus_tc(tc).pack()
         if failure is None:
             self._publish(1, stage, data)
@@ -159,12 +159,12 @@ class Telemetry:
 
 
 def timestamp(now_ns: int) -> bytes:
-    """Return a mission time as CUC with P-field, 8 bytes."""
+    """Return a mission time in CUC format with P-field, 8 bytes."""
     seconds, rest_ns = divmod(now_ns, NS_PER_S)
     return struct.pack(">BI", _P_FIELD, seconds) + (rest_ns * _FRACTIONS // NS_PER_S).to_bytes(3, "big")
 
 
 def _short_text(text: str) -> bytes:
-    """Return a text in UTF-8 after its length in one byte, shortened between characters."""
+    """Return the length of a text in one byte and its UTF-8 bytes, truncated at the end of a character."""
     data = text.encode()[:_MAX_TEXT_BYTES].decode(errors="ignore").encode()
     return bytes([len(data)]) + data

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""CFDP transactions: a file that is sent, and a file that is received."""
+"""CFDP transactions: the transfer of a file to the ground segment, and of a file from it."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from services.gateway_ccsds.cfdp_entity import (
 )
 from services.gateway_ccsds.settings import CfdpSettings
 
-#: Received PDUs of a transaction that wait.
+#: Largest number of received PDUs of a transaction that wait to be processed.
 _MAX_WAITING = 256
 
 
@@ -44,7 +44,7 @@ class _Number:
 
 
 class OutgoingTransfer:
-    """Transaction that sends a file in class 2.
+    """Transaction that sends a file by CFDP class 2.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ class OutgoingTransfer:
     number : int
         Transaction number.
     timer_s : float
-        Interval after which EOF is sent again, seconds.
+        Interval after which an EOF PDU without an answer is sent again, seconds.
 
     Attributes
     ----------
@@ -81,12 +81,12 @@ class OutgoingTransfer:
         self.changed_s = monotonic_s()
 
     def receive(self, pdu: Any) -> None:
-        """Take a PDU of the ground segment."""
+        """Add a PDU of the ground segment to the queue of the transaction."""
         self.changed_s = monotonic_s()
         self._received.append(pdu)
 
     def next_pdu(self) -> bytes | None:
-        """Return the next PDU to send; None if there is none now."""
+        """Return the next PDU to send; None if there is none at present."""
         if not self._handler.packets_ready and not self.is_finished:
             self._step(self._received.popleft() if self._received else None)
         if not self._handler.packets_ready:
@@ -96,7 +96,7 @@ class OutgoingTransfer:
     def _step(self, pdu: Any) -> None:
         is_finished = pdu is not None and pdu.directive_type == DirectiveType.FINISHED_PDU
         if is_finished and self._handler.step == TransactionStep.WAITING_FOR_EOF_ACK:
-            # Its ACK of EOF was lost; the library would ignore the PDU Finished.
+            # The ACK of EOF was lost; in this state the library ignores Finished PDUs.
             ack = AckPdu(
                 pdu.pdu_header.pdu_conf,
                 DirectiveType.EOF_PDU,
@@ -118,7 +118,7 @@ class OutgoingTransfer:
 
     @property
     def is_delivered(self) -> bool:
-        """True if the ground segment has the complete file."""
+        """True if the ground segment has received the complete file."""
         result = self._user.result
         if result is None or result.condition_code != ConditionCode.NO_ERROR:
             return False
@@ -126,7 +126,7 @@ class OutgoingTransfer:
 
     @property
     def failure(self) -> str:
-        """Reason of the ground segment for a file that is not delivered."""
+        """Reason of the ground segment why the file was not delivered."""
         result = self._user.result
         return "no answer" if result is None else f"{result.condition_code.name}, {result.file_status.name}"
 
@@ -138,7 +138,7 @@ class IncomingFile:
     ----------
     settings : CfdpSettings
     timer_s : float
-        Interval of NAK and Finished, seconds.
+        Interval after which a NAK or Finished PDU without an answer is sent again, seconds.
     """
 
     def __init__(self, settings: CfdpSettings, timer_s: float) -> None:
@@ -151,7 +151,7 @@ class IncomingFile:
         self.changed_s = monotonic_s()
 
     def accepts(self, pdu: Any) -> bool:
-        """Take a PDU of the ground segment; return False if it belongs to another transaction."""
+        """Add a PDU; return False if it belongs to another transaction, or to a file that is too large."""
         number = (pdu.source_entity_id.value, pdu.transaction_seq_num.value)
         if self._id not in (None, number):
             return False
@@ -162,7 +162,7 @@ class IncomingFile:
         return True
 
     def next_pdu(self) -> bytes | None:
-        """Return the next PDU to send; None if there is none now."""
+        """Return the next PDU to send; None if there is none at present."""
         if not self._handler.packets_ready:
             self._handler.state_machine(self._received.popleft() if self._received else None)
         if not self._handler.packets_ready:
@@ -170,7 +170,7 @@ class IncomingFile:
         return bytes(self._handler.get_next_packet().pdu.pack())
 
     def take(self) -> tuple[str, bytes] | None:
-        """Return name and content of the file once, when it is complete."""
+        """Return name and content of the complete file, once; None before that and afterwards."""
         result = self._user.result
         if result is None or result.condition_code != ConditionCode.NO_ERROR:
             return None
@@ -179,5 +179,5 @@ class IncomingFile:
 
     @property
     def is_idle(self) -> bool:
-        """True if no PDU waits, and the library has ended the transaction."""
+        """True if no PDU waits and the transaction has ended."""
         return not self._received and self._handler.transaction_id is None
