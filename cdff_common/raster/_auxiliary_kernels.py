@@ -120,7 +120,7 @@ def sampling_errors(
     for r in range(rows):
         for c in range(cols):
             out[r, c] = 0.0
-            if not (count[r, c] > 0.0 and sums[r, c, COUNT_SQUARES] > 0.0):
+            if not sums[r, c, COUNT_SQUARES] > 0.0:
                 continue
             dx = sums[r, c, X_SUM] / count[r, c] - x_m[c]
             dy = sums[r, c, Y_SUM] / count[r, c] - y_m[r]
@@ -154,8 +154,7 @@ def plane_gradient(
     for i in range(max(row - 1, 0), min(row + 2, rows)):
         for j in range(max(col - 1, 0), min(col + 2, cols)):
             # The mean position is unknown if a height of the cell has no auxiliary layers.
-            is_known = sums[i, j, COUNT_SQUARES] > 0.0 and not math.isnan(sums[i, j, POSE_VARIANCE_SUM])
-            if is_known and count[i, j] > 0.0:
+            if sums[i, j, COUNT_SQUARES] > 0.0 and not math.isnan(sums[i, j, POSE_VARIANCE_SUM]):
                 px = (sums[i, j, X_SUM] / count[i, j] - x_m[col]) / resolution_m
                 py = (sums[i, j, Y_SUM] / count[i, j] - y_m[row]) / resolution_m
                 pz = mean[i, j] - mean[row, col]

@@ -73,10 +73,15 @@ class AuxiliaryLayers:
 
     @classmethod
     def of_map(cls, dem: ElevationMap) -> Self:
-        """Return the statistics of a map's layers; absent layers contribute nothing."""
+        """Return the statistics of a map's layers; absent layers contribute nothing.
+
+        A cell is observed if its count is above 0 and its mean finite, as in ``CellStatistics.from_layers``.
+        """
         result, names = cls.empty(dem.geometry), dem.layer_names
         sums = result.sums
-        count = np.nan_to_num(dem.layer("count").astype(np.float64))
+        count = dem.layer("count").astype(np.float64)
+        observed = np.isfinite(dem.layer("mean")) & (count > 0.0)
+        count = np.where(observed, count, 0.0)
         if "pose_variance" in names:
             sums[..., POSE_VARIANCE_SUM] = (
                 np.nan_to_num(dem.layer("pose_variance").astype(np.float64)) * count
@@ -87,7 +92,8 @@ class AuxiliaryLayers:
             sums[..., INTENSITY_SUM] = np.nan_to_num(intensity) * sums[..., INTENSITY_COUNT]
         result.set_counts(count)
         age = dem.layer("first_age_s" if "first_age_s" in names else "age_s").astype(np.float64)
-        sums[..., FIRST_US] = np.where(np.isfinite(age), dem.t1_ns * 1e-3 - age * 1e6, np.inf)
+        is_dated = observed & np.isfinite(age)
+        sums[..., FIRST_US] = np.where(is_dated, dem.t1_ns * 1e-3 - age * 1e6, np.inf)
         if "overhang_m" in names:
             overhang = dem.layer("overhang_m").astype(np.float64)
             sums[..., OVERHANG_M] = np.where(np.isfinite(overhang), overhang, np.inf)

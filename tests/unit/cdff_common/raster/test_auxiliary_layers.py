@@ -12,9 +12,11 @@ import pytest
 from cdff_common.errors import InputError
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.raster import ELEVATION_LAYERS, CellStatistics, GridGeometry
-from cdff_common.raster.auxiliary_layers import POSE_VARIANCE_SUM, AuxiliaryLayers
+from cdff_common.raster.auxiliary_layers import COUNT_SQUARES, FIRST_US, POSE_VARIANCE_SUM, AuxiliaryLayers
 from cdff_common.raster.cell_selection import Choice, Disagreement
 from cdff_common.raster.mosaic import Mosaic
+from cdff_common.raster.resample import aggregate
+from cdff_common.types import ElevationMap
 
 S = 1_000_000_000
 WINDOW = GridGeometry.aligned("site", 0.1, (0.0, 0.0, 1.0, 1.0))
@@ -187,3 +189,18 @@ def test_the_relief_is_estimated_from_neighbours_or_a_default_for_isolated_cells
     relief = np.where(np.isnan(squares), np.nanmedian(squares), squares) / 6.0
     expected = np.where(observed, 0.005 + (0.015 + relief) / 4.0, np.nan)
     np.testing.assert_allclose(result, expected, rtol=1e-5)
+
+
+def test_a_cell_without_a_finite_mean_has_no_heights() -> None:
+    layers = FIRST | {"mean": FIRST["mean"].copy()}
+    layers["mean"][0, :2] = np.nan, np.inf
+    dem = ElevationMap.from_layers(WINDOW, layers, t0_ns=0, t1_ns=5 * S)
+    auxiliary = AuxiliaryLayers.of_map(dem)
+    np.testing.assert_array_equal(auxiliary.sums[0, :2, COUNT_SQUARES], 0.0)
+    np.testing.assert_array_equal(auxiliary.sums[0, :2, FIRST_US], np.inf)
+    np.testing.assert_array_equal(auxiliary.sums[0, 2:, COUNT_SQUARES], 100.0)
+    statistics = CellStatistics.from_layers(WINDOW, layers, 5 * S)
+    for factor in (1, 2, 10):
+        coarse = aggregate(statistics, factor)
+        stated = auxiliary.coarsened(factor).to_layers(coarse, 5 * S)["error_variance"]
+        np.testing.assert_array_equal(np.isfinite(stated), coarse.count > 0)
