@@ -98,6 +98,11 @@ class AccuracyBounds:
             texts.append(f"status: {accuracy.status}, asked {self.status}")
         return tuple(texts)
 
+    def has_unknown(self, accuracy: Accuracy) -> bool:
+        """Return True if an accuracy does not state a standard deviation that has a bound."""
+        pairs = ((self.sigma_m, accuracy.sigma_m), (self.sigma_deg, accuracy.sigma_deg))
+        return any(limit is not None and value is None for limit, value in pairs)
+
     def describe(self) -> dict[str, Any]:
         """Return plain data with the names of the parameters of a request."""
         return {

@@ -3,11 +3,12 @@
 """Leases of DFPCs and sensor modes, with linger times and priorities.
 
 A provider is wanted while it has a holder, and for its linger time after the last release, so that it is not
-deactivated between successive requests. A sensor is in one mode: a mode that serves all holders if there is
-one, otherwise a mode that serves the holders of the highest priority; the others are displaced. A request may
-also take the providers of requests of lower priority, for their memory and CPU; since a lingering provider
-keeps the priority of its last holder, a request of lower priority gets them back only after the linger time.
-The caller passes times of the monotonic clock.
+deactivated between successive requests. A request that a stored product serves restarts the linger time. A
+sensor is in one mode: a mode that serves all holders if there is one, otherwise a mode that serves the
+holders of the highest priority; the others are displaced. A request may also take the providers of requests
+of lower priority, for their memory and CPU; since a lingering provider keeps the priority of its last holder,
+a request of lower priority gets them back only after the linger time. The caller passes times of the
+monotonic clock.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from cdff_common.contract.wiring import Source
 from cdff_core.orchestration.request import DEFAULT_PRIORITY
 from cdff_core.orchestration.shared_choice import SharedChoices
 from cdff_core.orchestration.world import ProviderId, SensorId
@@ -118,6 +120,23 @@ class Leases:
             del self._settings[provider][holder]
             if not self._settings[provider]:
                 del self._settings[provider]
+
+    def renew(self, provider: ProviderId, now_s: float) -> None:
+        """Restart the linger time of a provider and of the DFPCs that provide its inputs.
+
+        A provider with a holder is unaffected, and so is one that is not wanted.
+        """
+        pending, visited = [provider], set[ProviderId]()
+        while pending:
+            current = pending.pop()
+            lease = self._provider_leases.get(current)
+            if lease is None or current in visited:
+                continue
+            visited.add(current)
+            if lease.linger_until_s is not None:
+                lease.linger_until_s = now_s + self.linger_s.get(current, 0.0)
+            sources = map(Source.parse, self.chosen_sources(current).values())
+            pending += [ProviderId(current.robot, s.owner) for s in sources if s.kind == "product"]
 
     def takeable(self, provider: ProviderId, priority: int) -> int | None:
         """Return the priority of a provider that a request of some priority may stop; None if it may not.

@@ -225,15 +225,16 @@ class RequestPlanner:
         coverage = self._coverage(request, optimistic_world, robots, match, until_s, horizon_s)
         accuracies = self.accuracies(request, robots, until_s)
         misses = frozenset(p for p, accuracy in accuracies.items() if request.accuracy.unmet(accuracy))
+        unstated = frozenset(p for p in misses if request.accuracy.has_unknown(accuracies[p]))
         # After the queries of coverage and accuracy, which take time.
         world = self.state.world(
             priority=request.priority, holder=holder, robots=robots, acquire=request.acquire
         )
         return _Plans(
             world=world,
-            now=_plan(request, world, robots, exclude, coverage, misses),
+            now=_plan(request, world, robots, exclude, coverage, (misses, unstated)),
             optimistic_world=optimistic_world,
-            later=_plan(request, optimistic_world, robots, exclude, coverage, misses),
+            later=_plan(request, optimistic_world, robots, exclude, coverage, (misses, unstated)),
             coverage=coverage,
             accuracies=accuracies,
         )
@@ -268,11 +269,13 @@ def _plan(
     robots: Sequence[str],
     exclude: frozenset[ProviderId],
     coverage: RegionCoverage | None,
-    misses: frozenset[tuple[ProviderId, str]],
+    avoided: Sequence[frozenset[tuple[ProviderId, str]]],
 ) -> Plan | NoPlan:
     """Return the cheapest plan with the requested resolution and accuracy, else with one of them, else any.
 
-    ``misses`` are the implementations whose newest product does not meet the bounds on the accuracy.
+    ``avoided`` are the implementations whose newest product does not meet the bounds on the accuracy, and
+    those of them that do not state a bounded standard deviation: a DFPC whose accuracy is too low at present
+    is preferred to one that provides no orientation.
     """
     providers = [
         choice for m in world.providers.values() if request.product in m.products for choice in m.choices
@@ -283,7 +286,7 @@ def _plan(
         (m.id, m.implementation) for m in providers if m.finest_m is None or m.finest_m <= limit_m
     )
     result: Plan | NoPlan = NoPlan(())
-    for roots in dict.fromkeys((fine - misses, fine, every - misses, every)):
+    for roots in dict.fromkeys(r - a for r in (fine, every) for a in (*avoided, frozenset())):
         if not roots and every:
             continue
         if coverage is None:

@@ -10,6 +10,7 @@ reasons.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -19,6 +20,7 @@ from cdff_common.errors import CdffError, DeadlineError, UnavailableError
 from cdff_core.orchestration.acceptance import Assessment
 from cdff_core.orchestration.lifecycle import FINAL_STATES, JobState
 from cdff_core.orchestration.request import ProductRequest
+from cdff_core.orchestration.world import ProviderId
 from services.orchestrator.delegations import Delegations
 from services.orchestrator.job_plan import JobPlan
 from services.orchestrator.jobs import Job, JobRegistry
@@ -365,7 +367,19 @@ class RequestFlow:
             return None
         result = {name: reply.attachment[name] for name in ("kind", "id", "delivered")}
         self.jobs.move(run.job, JobState.DONE, result=result)
+        self._renew_linger_time(run)
         return reply
+
+    def _renew_linger_time(self, run: _RequestRun) -> None:
+        """Keep the DFPC active whose recent product served a request without a plan.
+
+        A client that repeats requests with a largest age would otherwise be served from the DPM until the
+        DFPC is deactivated, and then wait for its next activation.
+        """
+        match, request = run.match, run.job.request
+        if run.job.plan is None and match is not None and match.sources and math.isfinite(request.max_age_s):
+            dfpc = match.sources[0].producer.partition("/")[0]
+            self.state.renew(ProviderId(match.candidate.robot, dfpc))
 
     def _progress_reply(self, job: Job, run: _RequestRun | None = None) -> Sequence[Reply]:
         """Return a progress reply, if the client asked for progress."""

@@ -405,6 +405,11 @@ class SystemState:
             self._leases.release(holder, self._timing.now_s())
             self._last_progress.remove(holder)
 
+    def renew(self, provider: ProviderId) -> None:
+        """Restart the linger times of a provider and of its inputs: a stored product served a request."""
+        with self._changed:
+            self._leases.renew(provider, self._timing.now_s())
+
     def end_acquisition(
         self, holder: str, sensor: SensorId, parameters: Mapping[str, float], begun_ns: int
     ) -> None:
@@ -505,11 +510,7 @@ class SystemState:
         return declared is None or declared.acquires is None
 
     def _configuration(self, provider: ProviderId, world: World) -> Configuration | None:
-        """Return the implementation and parameters that the holders of a provider want; None if it has no
-        choice.
-
-        A lingering provider stays as it is.
-        """
+        """Return the implementation and parameters that the holders want; None without holders or choice."""
         current, choices = world.providers.get(provider), self._descriptions[provider].get("choices", ())
         is_fixed = current is None or not (current.adjustables or len(choices) > 1)
         if current is None or is_fixed or not self._leases.holders(provider):

@@ -84,6 +84,21 @@ def test_a_provider_lingers_after_its_last_holder_and_stays_active_for_a_new_one
     assert leases.wanted_modes() == {}
 
 
+def test_a_renewed_provider_lingers_longer_with_the_providers_of_its_inputs() -> None:
+    leases = Leases({DEM: 30.0, POSE: 20.0, VO: 20.0})
+    sources = {DEM: {"poses": "product/pose/pose", "scan": "sensor/lidar/scan"}}
+    leases.acquire("a", [DEM, POSE], {LIDAR: "on"}, chosen_sources=sources)
+    leases.acquire("b", [VO], {})
+    leases.release("a", 0.0)
+    leases.renew(DEM, 15.0)
+    leases.renew(VO, 15.0)
+    assert sorted(t for _, t in leases.expiries_s) == [35.0, 45.0]
+    assert leases.holders(VO) == {"b"}, "a held provider does not linger"
+    assert leases.expire(40.0) == (POSE,)
+    leases.renew(POSE, 41.0)
+    assert not leases.is_wanted(POSE), "an expired provider is not started"
+
+
 def test_modes_are_set_first_then_upstream_providers_are_activated_before_downstream_ones() -> None:
     observed = ObservedState(alive={DEM, POSE, VO}, modes={LIDAR: "off"})
     order = dependency_order([DEM, POSE, VO], UPSTREAM)

@@ -69,7 +69,7 @@ class TwoMappers:
         return World(
             {
                 p: Provider(
-                    p, {"dem": "dem"}, cost=cost, resolution_m=resolution_m,
+                    p, {"dem": "dem", "pose": "pose"}, cost=cost, resolution_m=resolution_m,
                     available=optimistic or p in self.running, unavailable_reason="it ended", **self.changes,
                 )
                 for p, cost, resolution_m in ((FINE, 5.0, self.fine_m), (COARSE, 1.0, 0.5))
@@ -241,6 +241,24 @@ def test_a_degraded_product_of_an_earlier_activation_is_not_the_accuracy_of_a_df
     request = parse_request({"type": "dem", "robot": "mana", "max_sigma_m": "0.1"}, "mana")
     known = planner.accuracies(request, ["mana"], 1.0)
     assert known == dict.fromkeys(((FINE, ""), (COARSE, "")), finder.measured if counts else described)
+
+
+def test_a_dfpc_with_too_low_an_accuracy_is_preferred_to_one_that_does_not_state_it() -> None:
+    """The cheaper provider states no orientation, as for bearings; the other one may become better."""
+    accuracy = {FINE: Accuracy(0.4, 1.0, status="DEGRADED"), COARSE: Accuracy(38.0)}
+
+    class Finder(StoredFinder):
+        def accuracies(self, provider: ProviderId, *_: object) -> dict[str, Accuracy]:
+            return {"": accuracy[provider]}
+
+    state = TwoMappers()
+    state.changes = {"active": True}
+    bounds = {"max_sigma_m": "0.3", "max_sigma_deg": "10"}
+    selected, _ = RequestPlanner(state, Finder(), ManualClock(0)).best(  # type: ignore[arg-type]  # doubles
+        parse_request({"type": "pose", **bounds}, "mana"), ("mana",), None, frozenset(), 0.0, 10.0
+    )
+    assert isinstance(selected, Plan)
+    assert selected.provider == FINE
 
 
 @pytest.mark.parametrize(("acquire", "end"), [("now", "acquisition"), ("pan_deg:30", " with pan_deg:30.0")])

@@ -124,6 +124,23 @@ def test_a_sensor_returns_to_its_initial_mode_after_the_linger_time_of_its_last_
     assert stage.process("position").state == "active"
 
 
+def test_repeated_requests_for_recent_products_keep_their_dfpcs_active(tmp_path: Path) -> None:
+    """All but the first are served from the DPM; without them the DFPCs end after 5 and 10 s."""
+    stage = Stage(tmp_path)
+    chain = [stage.process("navigation"), stage.process("dem")]
+    for _ in range(10):
+        reply = stage.final_answer(stage.send(**{**DEM, "type": "navigation_map"}))
+        assert isinstance(reply, Reply)
+        assert not stage.run_until(lambda: any(p.state != "active" for p in chain), 1.0)
+    assert stage.journal_text().count("navigation shall provide it") == 1
+    stage.run_until(lambda: chain[1].state != "active", 15.0)
+    without_largest_age = {"type": "navigation_map", "robot": "mana"}
+    for _ in range(5):
+        stage.final_answer(stage.send(**without_largest_age))
+        stage.run(3.0)
+    assert all(process.state != "active" for process in chain), "a stored product of any age is enough"
+
+
 @pytest.mark.parametrize(
     "body",
     [["a list"], {}, {"sensors": [1]}, {"sensors": {"lidar": 3}}, {"sensors": {"lidar": {"mode": []}}}],
