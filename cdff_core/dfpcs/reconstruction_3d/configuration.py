@@ -34,7 +34,10 @@ class Reconstruction3DConfig(DfpcConfig):
         False, description="Images whose frame has no known transform are taken to be at the depth camera"
     )
     max_pose_gap_s: float = Field(
-        0.5, gt=0, le=86400, description="Time between two poses, s, above which none is interpolated"
+        0.5,
+        gt=0,
+        le=86400,
+        description="Time from a capture to the previous or next pose, s, above which none is interpolated",
     )
     max_pose_sigma_m: float | None = Field(
         None, gt=0, le=1e6, description="Poses with a larger standard deviation of the position are excluded"

@@ -49,9 +49,16 @@ def _depth(number: int, depth: FloatArray | None = None) -> Sample:
     return Sample("depth", _stamp_ns(number), number, image, id=f"depth-{number}", frame="servicer/depth")
 
 
-def _pose(number: int, T: FloatArray, parent: str = "world", child: str = "servicer/depth") -> Sample:
+def _pose(
+    number: int,
+    T: FloatArray,
+    parent: str = "world",
+    child: str = "servicer/depth",
+    covariance: FloatArray | None = None,
+) -> Sample:
+    transform = UncertainTransform.exact(T) if covariance is None else UncertainTransform(T, covariance)
     value = TransformWithCovariance.from_transform(
-        UncertainTransform.exact(T), parent=parent, child=child, stamp_ns=_stamp_ns(number)
+        transform, parent=parent, child=child, stamp_ns=_stamp_ns(number)
     )
     return Sample("poses", _stamp_ns(number), number, value, id=f"pose-{number}")
 
@@ -113,6 +120,34 @@ def test_poses_of_a_body_are_inverted_by_their_frames() -> None:
     mesh = _run(_dfpc(), samples)["mesh"][0]
     assert mesh.frame == "client/body"
     _assert_sphere(mesh.value.data.vertices, mesh.value.data.normals, 0.006)
+
+
+@pytest.mark.parametrize(
+    ("parameter", "first"), [("max_pose_sigma_m", 0), ("max_pose_sigma_rad", 3)], ids=["position", "rotation"]
+)
+def test_poses_worse_than_the_limit_are_excluded_with_the_reason(parameter: str, first: int) -> None:
+    """The standard deviation of every second pose is above the limit, in a direction between the axes."""
+    limit, direction = 0.01, np.array([0.6, 0.8, 0.0])
+    samples = []
+    for n, T in enumerate(POSES):
+        sigma = limit * (1.05 if n % 2 else 0.95)
+        covariance = np.eye(6) * 1e-8
+        covariance[first : first + 3, first : first + 3] += sigma**2 * np.outer(direction, direction)
+        samples += [_depth(n), _pose(n, T, covariance=covariance)]
+    # The poses before and after a capture without an accurate pose are 0.1 s away.
+    outputs = _run(_dfpc(**{parameter: limit, "max_pose_gap_s": 0.05}), samples)
+    assert [pose.t1_ns for pose in outputs["pose"]] == [_stamp_ns(n) for n in range(0, 16, 2)]
+    quality = outputs["mesh"][0].quality
+    assert quality.status is Status.DEGRADED
+    assert quality.reasons == ("no_pose:8", "uncertain_pose:8")
+    without_limit = _run(_dfpc(max_pose_gap_s=0.05), samples)
+    assert len(without_limit["pose"]) == 16
+    assert without_limit["mesh"][0].quality.status is Status.OK
+
+
+def test_poses_without_covariance_are_used_despite_a_limit() -> None:
+    outputs = _run(_dfpc(max_pose_sigma_m=1e-6, max_pose_sigma_rad=1e-6), _captures(POSES))
+    assert len(outputs["pose"]) == 16
 
 
 def test_noisy_lidar_clouds_give_a_surface_better_than_their_noise() -> None:
