@@ -70,7 +70,6 @@ def send_frames(
                 "T": T.matrix.tolist(),
                 "covariance": T.covariance.tolist(),
                 "valid_from_ns": from_ns,
-                "producer": "cdff calibrate",
             } | ({} if until_ns is None else {"valid_until_ns": until_ns})
             key = keys.dpm_rpc(keys.GROUND, "frames")
             bus.call(key, payload=pack(body), encoding="application/msgpack", timeout_s=_CALL_S)

@@ -7,28 +7,15 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
-import yaml
 
-from cdff_common.camera import CameraModel
 from cdff_common.cli import main
-from cdff_common.formats.tum import write_tum
 from cdff_common.geometry import se3
 from cdff_common.interfaces.profile import load_profile
-from cdff_core.calibration.boards import Board
 from cdff_dev.calibrate.sensor_data import poses_at
-from cdff_dev.simulate.board_images import board_image, board_poses
-from cdff_dev.simulate.board_scans import board_scan, panel_of, ring_directions
+from tests.support.board_folder import T_BASE_LIDAR, T_HAND_CAMERA, TEXT, write_board_folder
 
-BOARD, TEXT = Board("charuco", 7, 5, 0.12, 0.09), "charuco:7x5:0.12:0.09"
-CAMERA = CameraModel(240, 320, 260.0, 261.0, 158.0, 121.0, (-0.2, 0.05, 5e-4, -3e-4))
-T_HAND_CAMERA = se3.transform(se3.exp_so3([0.1, -0.2, 1.2]), [0.03, -0.05, 0.08])
-T_BASE_BOARD = se3.transform(se3.exp_so3([3.0, 0.1, 0.2]), [2.0, 0.1, -0.1])
-AXES = se3.matrix_from_quaternion_xyzw([-0.5, 0.5, -0.5, 0.5])
-T_BASE_CAMERA = se3.transform(AXES, [0.2, 0.1, 0.9])
-T_BASE_LIDAR = se3.transform(se3.exp_so3([0.0, 0.1, 0.05]), [0.3, 0.0, 1.1])
 PROFILE = """
 name: rover
 robots:
@@ -45,33 +32,8 @@ robots:
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with images, clouds, poses of a hand and the calibration of the camera."""
-    path, rng = tmp_path_factory.mktemp("boards"), np.random.default_rng(8)
-    for name in ("images", "clouds"):
-        (path / name).mkdir()
-    size, centre = panel_of(BOARD, 0.0)
-    directions = ring_directions(24, lowest_deg=-25.0, highest_deg=20.0, step_deg=0.4)
-    hands = []
-    for k, T in enumerate(board_poses(BOARD, 9, rng, distance_m=1.2, tilt_deg=30.0)):
-        cv2.imwrite(str(path / "images" / f"{k:03d}.png"), board_image(CAMERA, BOARD, T, rng, noise=1.0))
-        T_lidar_board = se3.inverse(T_BASE_LIDAR) @ T_BASE_CAMERA @ T
-        points = board_scan(T_lidar_board, size, centre, directions, rng)
-        np.savetxt(
-            path / "clouds" / f"{k:03d}.ply",
-            points,
-            fmt="%.4f",
-            comments="",
-            header=f"ply\nformat ascii 1.0\nelement vertex {len(points)}\nproperty float x\n"
-            "property float y\nproperty float z\nend_header",
-        )
-        hands.append(T_BASE_BOARD @ se3.inverse(T) @ se3.inverse(T_HAND_CAMERA))
-    (path / "poses.tum").write_bytes(write_tum(np.arange(9) * 10**9, np.array(hands)))
-    document = {
-        "image_width": 320,
-        "image_height": 240,
-        "camera_matrix": CAMERA.matrix.tolist(),
-        "distortion_coefficients": list(CAMERA.distortion),
-    }
-    (path / "camera.yaml").write_text(yaml.safe_dump(document))
+    path = tmp_path_factory.mktemp("boards")
+    write_board_folder(path)
     return path
 
 
