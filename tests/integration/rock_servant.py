@@ -16,25 +16,16 @@ from __future__ import annotations
 import contextlib
 import json
 import pathlib
-import subprocess
 import sys
-import tempfile
 import threading
 import time
 
 folder, names_port, values_path, received_path = sys.argv[1:]
-_OUT = tempfile.mkdtemp()
-for _name in ("rtt", "base"):
-    subprocess.run(
-        [
-            str(pathlib.Path(sys.executable).parent / "omniidl"),
-            "-bpython",
-            f"-C{_OUT}",
-            f"{folder}/{_name}.idl",
-        ],
-        check=True,
-    )
-sys.path.insert(0, _OUT)
+sys.path.insert(0, folder)
+
+from compiled_interfaces import compile_interfaces  # noqa: E402
+
+compile_interfaces(folder)
 
 import base as base_types  # noqa: E402
 import CosNaming  # noqa: E402

@@ -13,28 +13,19 @@ from __future__ import annotations
 import array
 import contextlib
 import json
-import os
 import pathlib
-import subprocess
 import sys
-import tempfile
 import threading
 import time
-import traceback
+
+from program_exit import run_and_exit
 
 folder, names_port, drive_path = sys.argv[1:]
-_OUT = tempfile.mkdtemp()
-for _name in ("rtt", "base"):
-    subprocess.run(
-        [
-            str(pathlib.Path(sys.executable).parent / "omniidl"),
-            "-bpython",
-            f"-C{_OUT}",
-            f"{folder}/{_name}.idl",
-        ],
-        check=True,
-    )
-sys.path.insert(0, _OUT)
+sys.path.insert(0, folder)
+
+from compiled_interfaces import compile_interfaces  # noqa: E402
+
+compile_interfaces(folder)
 
 import base as base_types  # noqa: E402
 import CosNaming  # noqa: E402
@@ -227,12 +218,4 @@ def main():
 
 
 if __name__ == "__main__":
-    exit_status = 1
-    try:
-        main()
-        exit_status = 0
-    except Exception:
-        traceback.print_exc()
-        raise
-    finally:
-        os._exit(exit_status)  # the gateway may call during the end of the interpreter
+    run_and_exit(main)

@@ -10,14 +10,13 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import sys
 import threading
 import time
-import traceback
 from typing import Any
 
 import numpy as np
+from program_exit import run_and_exit
 from rosbags.typesys import Stores, get_typestore
 
 CLOUD, POSE = "sensor_msgs/msg/PointCloud2", "geometry_msgs/msg/PoseWithCovarianceStamped"
@@ -195,12 +194,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    exit_status = 1
-    try:
-        main()
-        exit_status = 0
-    except Exception:
-        traceback.print_exc()
-        raise
-    finally:
-        os._exit(exit_status)  # the session has threads of its own
+    run_and_exit(main)
