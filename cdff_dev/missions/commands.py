@@ -8,10 +8,11 @@ import argparse
 import json
 import signal
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 if TYPE_CHECKING:
     from cdff_common.bus import Bus
@@ -119,7 +120,7 @@ def keep_logs(stage: Stage, print_line: Callable[[str], None]) -> None:
 def _mission(args: argparse.Namespace) -> int:
     """Run a mission; return 0 if all its limits are met, else 1."""
     from cdff_common.interfaces.profile import load_profile
-    from cdff_common.resources import deploy_folder, resolve
+    from cdff_common.resources import resolve
     from cdff_dev.missions.mission_run import run
     from cdff_dev.missions.orbit.script import is_orbital
     from cdff_dev.missions.report import write_report
@@ -133,51 +134,21 @@ def _mission(args: argparse.Namespace) -> int:
     if is_orbital(path):
         return _orbit_mission(args, path)
     mission = load_mission(path)
-    speed = mission.speed if args.speed is None else args.speed
-    _check_speed(speed)
-    check_outputs(args)
+    profile_path = _checked_profile_path(args, mission.profile)
     scenario = load_scenario(mission.scenario, args.seed)
-    profile_path = deploy_folder() / "profiles" / f"{mission.profile}.yaml"
     check_fits(mission, load_profile(profile_path), scenario)
-
-    def print_unless_json(text: str) -> None:
-        if not args.json:
-            print_line(text)
-
-    with running_system(args, profile_path, print_unless_json) as (stage, bus):
-        result = run(path.stem, mission, scenario, stage, bus, speed, print_unless_json)
-        if result.faults:
-            keep_logs(stage, print_unless_json)
-    for line in (*result.score.lines(), *result.remarks, *(f"FAIL {fault}" for fault in result.faults)):
-        print_unless_json(line)
-    if args.json:
-        summary = {
-            "mission": path.stem,
-            "guided": mission.limits.guided,
-            "faults": result.faults,
-            "remarks": result.remarks,
-            "score": result.score.to_dict(),
-        }
-        print(json.dumps(summary, allow_nan=False))
-    if args.report is not None:
-        write_report(args.report, result.report)
-        print_unless_json(f"the report is in {args.report}")
+    result = _run_on_system(args, profile_path, mission.speed, partial(run, path.stem, mission, scenario))
+    score = result.score
+    summary = {"guided": mission.limits.guided, "remarks": result.remarks, "score": score.to_dict()}
+    _print_result(args, result, (*score.lines(), *result.remarks), {"mission": path.stem, **summary})
+    _write_report(args, lambda report: write_report(report, result.report))
     return int(bool(result.faults))
-
-
-def _check_speed(speed: float) -> None:
-    """Raise ConfigurationError unless a speed is possible."""
-    from cdff_common.errors import ConfigurationError
-
-    if not 0.0 < speed <= 100.0:
-        raise ConfigurationError(f"--speed {speed:g}: expected above 0, at most 100")
 
 
 def _orbit_mission(args: argparse.Namespace, path: Path) -> int:
     """Run a mission in orbit; return 0 if all its limits are met, else 1."""
     from cdff_common.errors import ConfigurationError
     from cdff_common.interfaces.profile import load_profile
-    from cdff_common.resources import deploy_folder
     from cdff_dev.missions.orbit.mission_run import run
     from cdff_dev.missions.orbit.report import write_report
     from cdff_dev.missions.orbit.script import check_fits, load_orbit_mission
@@ -185,32 +156,77 @@ def _orbit_mission(args: argparse.Namespace, path: Path) -> int:
     from cdff_dev.simulate.scenario_files import load_any_scenario
 
     mission = load_orbit_mission(path)
-    speed = mission.speed if args.speed is None else args.speed
-    _check_speed(speed)
-    check_outputs(args)
+    profile_path = _checked_profile_path(args, mission.profile)
     scenario = load_any_scenario(mission.scenario, args.seed)
     if not isinstance(scenario, OrbitScenario):
         raise ConfigurationError(f"scenario {mission.scenario}: expected one of kind orbit")
-    profile_path = deploy_folder() / "profiles" / f"{mission.profile}.yaml"
     check_fits(mission, load_profile(profile_path), scenario)
-
-    def print_unless_json(text: str) -> None:
-        if not args.json:
-            print_line(text)
-
-    with running_system(args, profile_path, print_unless_json) as (stage, bus):
-        result = run(path.stem, mission, scenario, stage, bus, speed, print_unless_json)
-        if result.faults:
-            keep_logs(stage, print_unless_json)
-    for line in (*result.lines(), *(f"FAIL {fault}" for fault in result.faults)):
-        print_unless_json(line)
-    if args.json:
-        summary = {"mission": path.stem, "kind": "orbit", "faults": result.faults, **result.to_dict()}
-        print(json.dumps(summary, allow_nan=False))
-    if args.report is not None:
-        write_report(args.report, result)
-        print_unless_json(f"the report is in {args.report}")
+    result = _run_on_system(args, profile_path, mission.speed, partial(run, path.stem, mission, scenario))
+    _print_result(args, result, result.lines(), {"mission": path.stem, "kind": "orbit", **result.to_dict()})
+    _write_report(args, lambda report: write_report(report, result))
     return int(bool(result.faults))
+
+
+class _Result(Protocol):
+    """Result of a mission."""
+
+    @property
+    def faults(self) -> list[str]:
+        """Tasks that failed, and limits that are not met."""
+        ...
+
+
+_ResultT = TypeVar("_ResultT", bound=_Result)
+
+
+def _checked_profile_path(args: argparse.Namespace, profile: str) -> Path:
+    """Return the path of a shipped profile; raises ConfigurationError if an option is not possible."""
+    from cdff_common.errors import ConfigurationError
+    from cdff_common.resources import deploy_folder
+
+    if args.speed is not None and not 0.0 < args.speed <= 100.0:
+        raise ConfigurationError(f"--speed {args.speed:g}: expected above 0, at most 100")
+    check_outputs(args)
+    return deploy_folder() / "profiles" / f"{profile}.yaml"
+
+
+def _run_on_system(
+    args: argparse.Namespace,
+    profile_path: Path,
+    mission_speed: float,
+    run: Callable[[Stage, Bus, float, Callable[[str], None]], _ResultT],
+) -> _ResultT:
+    """Start the system of a profile and run a mission on it; if the mission has faults, keep the logs."""
+    show = _silent if args.json else print_line
+    with running_system(args, profile_path, show) as (stage, bus):
+        result = run(stage, bus, mission_speed if args.speed is None else args.speed, show)
+        if result.faults:
+            keep_logs(stage, show)
+    return result
+
+
+def _print_result(
+    args: argparse.Namespace, result: _Result, lines: Iterable[str], summary: dict[str, Any]
+) -> None:
+    """Print the lines of a result and whether it has faults, or its summary as JSON."""
+    if args.json:
+        print(json.dumps(summary | {"faults": result.faults}, allow_nan=False))
+        return
+    conclusion = [f"FAIL {fault}" for fault in result.faults] or ["All limits of the mission are met."]
+    for line in (*lines, *conclusion):
+        print_line(line)
+
+
+def _write_report(args: argparse.Namespace, write: Callable[[Path], None]) -> None:
+    """Write the report if an option asks for it."""
+    if args.report is not None:
+        write(args.report)
+        if not args.json:
+            print_line(f"the report is in {args.report}")
+
+
+def _silent(text: str) -> None:
+    """Print nothing; with ``--json``, the result is the only output."""
 
 
 def _drive(args: argparse.Namespace) -> int:

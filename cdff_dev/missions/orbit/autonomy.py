@@ -104,9 +104,10 @@ class OrbitAutonomy:
     _thrusters: Thrusters = field(init=False)
 
     def run(self, bus: Bus) -> None:
-        """Run the tasks in order; raises CdffError if one fails.
+        """Execute the tasks in order; raises CdffError at the first task that fails.
 
-        ``bus`` carries the commands to the thrusters, which belong to the servicer and are not cut off.
+        ``bus`` carries the commands to the thrusters. They are on board the servicer, so that interruptions
+        of the link do not affect them.
         """
         self._thrusters = Thrusters(bus, self.robot)
         for task in self.tasks:
@@ -287,7 +288,7 @@ class OrbitAutonomy:
 
 
 def describe_error(robot: str, error: Exception) -> str:
-    """Return the description of an error that ended the tasks."""
+    """Return the text that reports an error because of which the tasks were not completed."""
     return (
         f"{robot}: {error}" if isinstance(error, CdffError) else f"{robot}: {type(error).__name__}: {error}"
     )

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Comparison of poses and models of a mission in orbit with the ground truth."""
+"""Errors of the poses and the model of a mission in orbit, relative to the ground truth."""
 
 from __future__ import annotations
 
