@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Cost of the DFNs and compounds that detect and track a known body in scans of the satellite Tango.
+"""Cost of the DFNs and compounds that detect and track the satellite Tango in scans and in a photograph.
 
 NUMBA_NUM_THREADS=1 python benchmarks/object_models.py [--data DIR] [--rounds N] [--out FILE]
 """
@@ -16,16 +16,22 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from _report import measure, write_report
 
+from cdff_common.errors import CdffError, RefusedError
 from cdff_common.geometry import UncertainTransform
 from cdff_common.interfaces.dfpc import Sample
 from cdff_common.interfaces.registry import Registry
 from cdff_common.types import Pointcloud, TransformWithCovariance
+from cdff_core.dfns.image_pose_refinement.interface import ImagePoseRefinementInputs
+from cdff_core.dfns.image_pose_search.interface import ImagePoseSearchInputs
+from cdff_core.dfns.image_undistortion.interface import ImageUndistortionInputs
 from cdff_core.dfns.model_pose_refinement.interface import ModelPoseRefinementInputs
 from cdff_core.dfns.model_pose_search.interface import ModelPoseSearchInputs
 from cdff_core.dfns.model_preparation.interface import ModelPreparationInputs
 from cdff_core.dfns.model_registration.interface import ModelRegistrationInputs
+from evaluation.scenes.spacecraft_images import photographs
 from evaluation.scenes.target_scans import SENSORS, model_sample, random_scan, tango
 
 
@@ -82,7 +88,40 @@ def costs(data: Path, rounds: int) -> dict[str, Any]:
             "ModelPoseRefinement": measure(partial(refine.process, of_refinement), rounds),
             "TargetDetection": measure(partial(lambda s: list(detection.step(s)), sample), rounds),
         }
+    report["photograph"] = image_costs(data, model, rounds)
     return report
+
+
+def image_costs(data: Path, model: Any, rounds: int) -> dict[str, Any]:
+    """Return the costs of the DFNs that compare a photograph with renderings, in the first one that is not
+    refused.
+    """
+    undistort, search = node("image_undistortion"), node("image_pose_search")
+    refine = node("image_pose_refinement")
+    body = {
+        "vertices": model.drawn_vertices,
+        "triangles": model.drawn_triangles,
+        "centre_m": model.centre_m,
+        "diameter_m": model.diameter_m,
+    }
+    for name, distorted, T in photographs(data):
+        frame = undistort.process(ImageUndistortionInputs(image=distorted)).image
+        image = {"image": frame.image, "camera_matrix": frame.camera_matrix}
+        of_search = ImagePoseSearchInputs(**image, **body)
+        try:
+            search.process(of_search)  # renders the views of the body
+        except RefusedError:
+            continue
+        of_refinement = ImagePoseRefinementInputs(
+            **image, pose=T, covariance=np.diag(np.square([0.1, 0.1, 0.2, 0.03, 0.03, 0.03])), **body
+        )
+        return {
+            "image": name,
+            "triangles": len(model.drawn_triangles),
+            "ImagePoseSearch": measure(partial(search.process, of_search), rounds),
+            "ImagePoseRefinement": measure(partial(refine.process, of_refinement), rounds),
+        }
+    raise CdffError("every photograph has a bright background")
 
 
 def tracking(body: Any, scan: Any, pose: Any) -> Callable[[], Any]:

@@ -92,6 +92,66 @@ def _double_angle(channels: list[NDArray[np.float32]], weak: float) -> FieldArra
     return field
 
 
+def window_field(
+    signal: NDArray[np.float32], camera: Window, centre_px: FloatArray, extent_px: float, side_px: int
+) -> tuple[Window, ImageField]:
+    """Return a square window of an image, and its fields.
+
+    Parameters
+    ----------
+    signal : ndarray of float32, shape (rows, columns)
+        Grey levels above the background.
+    camera : Window
+        Camera of the image.
+    centre_px : ndarray, shape (2,)
+        Column and row of the centre of the window in the image.
+    extent_px : float
+        Side of the window in pixels of the image.
+    side_px : int
+        Side of the window in its own pixels.
+    """
+    scale = extent_px / side_px
+    low = centre_px - 0.5 * extent_px
+    blurred = cv2.GaussianBlur(signal, (0, 0), 0.5 * scale) if scale > 1.0 else signal
+    to_window = np.array([[1.0, 0.0, -low[0]], [0.0, 1.0, -low[1]]]) / scale
+    part = cv2.warpAffine(blurred, to_window, (side_px, side_px), flags=cv2.INTER_LINEAR)
+    window = Window(
+        camera.fx / scale,
+        camera.fy / scale,
+        (camera.cx - low[0]) / scale,
+        (camera.cy - low[1]) / scale,
+        side_px,
+        side_px,
+    )
+    return window, image_field(np.asarray(part, np.float32))
+
+
+def seam_mask(body: BodyField) -> BoolArray:
+    """Return the mask (rows, columns) of the outline and its seam."""
+    kernel = np.ones((2 * _SEAM_PX + 1,) * 2, np.uint8)
+    return np.asarray(cv2.dilate(body.mask.astype(np.uint8), kernel) > 0)
+
+
+def edge_energy(field: FieldArray) -> float:
+    """Return the sum of the squared magnitudes of a field."""
+    return float(np.vdot(field, field).real)
+
+
+def edge_correlation(image: ImageField, body: BodyField, image_energy: float) -> float:
+    """Return the correlation of the edges of image and body in the outline and its seam.
+
+    Parameters
+    ----------
+    image_energy : float
+        Energy of the edges of the image by which the correlation is normalised. If it differs between poses,
+        poses whose outline contains few edges of the image are preferred, which makes the range wrong.
+    """
+    seam = seam_mask(body)
+    ours = body.edges[seam]
+    norm = math.sqrt(edge_energy(ours) * image_energy)
+    return float(np.vdot(ours, image.edges[seam]).real) / norm if norm > 0.0 else 0.0
+
+
 def agreement(image: ImageField, body: BodyField, light_sum: float) -> tuple[float, float, float]:
     """Return how a rendered body agrees with an image.
 
@@ -104,10 +164,8 @@ def agreement(image: ImageField, body: BodyField, light_sum: float) -> tuple[flo
     shading : float
         Part of the variance of the light in the outline that the groups of normals explain.
     """
-    seam = cv2.dilate(body.mask.astype(np.uint8), np.ones((2 * _SEAM_PX + 1,) * 2, np.uint8)) > 0
-    ours, theirs = body.edges[seam], image.edges[seam]
-    norm = math.sqrt(float(np.vdot(ours, ours).real) * float(np.vdot(theirs, theirs).real))
-    edges = float(np.vdot(ours, theirs).real) / norm if norm > 0.0 else 0.0
+    seam = seam_mask(body)
+    edges = edge_correlation(image, body, edge_energy(image.edges[seam]))
     inside = float(image.light[seam].sum()) / max(light_sum, 1e-9)
     light, labels = image.light[body.mask], body.labels[body.mask]
     counts = np.bincount(labels)

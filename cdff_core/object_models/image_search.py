@@ -24,7 +24,7 @@ from cdff_common.errors import RefusedError
 from cdff_common.geometry import se3
 from cdff_common.interfaces.dfn import StrictModel
 from cdff_core.object_models.evolution import minimise
-from cdff_core.object_models.image_fields import ImageField, agreement, body_field, image_field
+from cdff_core.object_models.image_fields import ImageField, agreement, body_field, window_field
 from cdff_core.object_models.rendering import Window
 from cdff_core.object_models.views import directions, view_rotation
 
@@ -298,21 +298,7 @@ def _window_fields(
     light: BodyLight, camera: Window, pixels: int, extent_px: float
 ) -> tuple[Window, ImageField, float]:
     """Return a square window around the light, its fields, and the sum of its light."""
-    scale = extent_px / pixels
-    low = light.centre_px - 0.5 * extent_px
-    A = np.array([[1.0 / scale, 0.0, 0.0], [0.0, 1.0 / scale, 0.0]])
-    A[:, 2] = -low / scale
-    blurred = cv2.GaussianBlur(light.signal, (0, 0), max(0.5 * scale, 0.01)) if scale > 1.0 else light.signal
-    signal = cv2.warpAffine(blurred, A, (pixels, pixels), flags=cv2.INTER_LINEAR)
-    fields = image_field(np.asarray(signal, np.float32))
-    window = Window(
-        camera.fx / scale,
-        camera.fy / scale,
-        (camera.cx - low[0]) / scale,
-        (camera.cy - low[1]) / scale,
-        pixels,
-        pixels,
-    )
+    window, fields = window_field(light.signal, camera, light.centre_px, extent_px, pixels)
     return window, fields, float(fields.light.sum()) + 1e-9
 
 

@@ -20,6 +20,7 @@ from cdff_core.object_models.evolution import minimise
 from cdff_core.object_models.hypotheses import SurfaceModel, distinct
 from cdff_core.object_models.importance import mean_and_covariance
 from cdff_core.object_models.likelihood import likelihood, range_residuals
+from cdff_core.object_models.pose_change import PoseChange
 from cdff_core.object_models.registration import normal_equations, register
 from cdff_core.object_models.scan_view import ScanView
 
@@ -64,37 +65,6 @@ class Refined(NamedTuple):
     covariance: FloatArray
     cost: float
     rays: FloatArray
-
-
-class PoseChange:
-    """Poses around a pose, by vectors whose components are standard deviations of a covariance.
-
-    Parameters
-    ----------
-    T : ndarray, shape (4, 4)
-        T_view_model.
-    centre_m : ndarray, shape (3,)
-        Point of the model about which it is rotated.
-    covariance : ndarray, shape (6, 6)
-        [x y z rx ry rz] in the frame of the view.
-    """
-
-    def __init__(self, T: FloatArray, centre_m: FloatArray, covariance: FloatArray) -> None:
-        self._T, self._centre_m = T, centre_m
-        self._root = np.linalg.cholesky(symmetrised(covariance))
-
-    def poses(self, vectors: FloatArray) -> FloatArray:
-        """Return the poses (k, 4, 4) of vectors (k, 6)."""
-        changes = vectors @ self._root.T
-        poses = np.repeat(np.eye(4)[None], len(vectors), axis=0)
-        poses[:, :3, :3] = R = se3.exp_so3(changes[:, 3:]) @ self._T[:3, :3]
-        at_centre = self._T[:3, :3] @ self._centre_m + self._T[:3, 3] + changes[:, :3]
-        poses[:, :3, 3] = at_centre - R @ self._centre_m
-        return poses
-
-    def covariance(self, of_vectors: FloatArray) -> FloatArray:
-        """Return the covariance (6, 6) of the pose from that of the vector."""
-        return symmetrised(self._root @ of_vectors @ self._root.T)
 
 
 class PoseRefiner:

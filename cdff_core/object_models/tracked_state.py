@@ -65,9 +65,16 @@ class TrackedState:
         )
 
     def with_pose(self, T: FloatArray, covariance: FloatArray) -> TrackedState:
-        """Return the state for a pose T (4, 4) with covariance (6, 6) that already contain the prediction.
+        """Return the state with a pose that is the result of a measurement and of the prediction.
 
         The other components follow by their correlation with the pose.
+
+        Parameters
+        ----------
+        T : ndarray, shape (4, 4)
+            T_sensor_body.
+        covariance : ndarray, shape (6, 6)
+            Of x y z rx ry rz, in the frame of the sensor.
         """
         prior = self.covariance
         gain = np.linalg.lstsq(prior[:6, :6], prior[:6], rcond=1e-12)[0].T

@@ -73,7 +73,8 @@ def icp_of_rotations(
 ) -> tuple[FloatArray, float]:
     """Return the pose by Open3D's ICP from rotations on all sides, with equal centroids at the start.
 
-    The pose with most correspondences is continued with a smaller distance of the correspondences.
+    The pose with the most correspondences, and of equal ones that with the smallest residuals, is continued
+    with a smaller distance of the correspondences.
     """
     import open3d as o3d
     from scipy.spatial.transform import Rotation
@@ -93,7 +94,7 @@ def icp_of_rotations(
             registration.TransformationEstimationPointToPoint(),
             registration.ICPConvergenceCriteria(max_iteration=_ICP_STEPS),
         )
-        if best is None or (result.inlier_rmse, -result.fitness) < (best.inlier_rmse, -best.fitness):
+        if best is None or (-result.fitness, result.inlier_rmse) < (-best.fitness, best.inlier_rmse):
             best = result
     assert best is not None
     fine = registration.registration_icp(

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import math
 
-import cv2
 import numpy as np
 from pydantic import Field
 
@@ -16,9 +15,16 @@ from cdff_common.geometry.covariance import symmetrised
 from cdff_common.interfaces.dfn import DfnConfig
 from cdff_core.dfns.image_pose_refinement.interface import Inputs, Interface, Outputs
 from cdff_core.object_models.evolution import minimise
-from cdff_core.object_models.image_fields import ImageField, agreement, body_field, image_field
+from cdff_core.object_models.image_fields import (
+    ImageField,
+    body_field,
+    edge_correlation,
+    edge_energy,
+    seam_mask,
+    window_field,
+)
 from cdff_core.object_models.importance import mean_and_covariance
-from cdff_core.object_models.refinement import PoseChange
+from cdff_core.object_models.pose_change import PoseChange
 from cdff_core.object_models.rendering import Window
 
 #: Standard deviations of the search at its start, and variance of the first samples, relative to the
@@ -26,8 +32,8 @@ from cdff_core.object_models.rendering import Window
 _DEVIATION, _SAMPLED_VARIANCE = 0.8, 0.16
 #: Margin of the window around the body: diameters of the body and standard deviations of its position.
 _MARGIN, _MARGIN_SIGMAS = 0.15, 4.0
-#: Mean strength of the edges in the window, 0 to 1, below which it is empty.
-_LEAST_EDGES = 1e-3
+#: Mean of the squared edges in the outline, 0 to 1, below which the image is empty.
+_LEAST_EDGES = 1e-4
 #: Percentile of the grey levels that counts as the background.
 _BACKGROUND_PERCENT = 1.0
 
@@ -40,13 +46,6 @@ class EdgeOrientationConfig(DfnConfig):
     generations: int = Field(20, ge=1, le=200, description="Generations of the search")
     rounds: int = Field(4, ge=1, le=20, description="Rounds of samples of the pose after the search")
     samples: int = Field(40, ge=16, le=1000, description="Samples of a round")
-    shading_weight: float = Field(
-        0.15,
-        ge=0,
-        le=10,
-        description="Weight of the part of the variance of the light that the normals explain, relative to "
-        "the correlation of the edges",
-    )
     temperature: float = Field(
         0.02,
         gt=0,
@@ -69,24 +68,20 @@ class EdgeOrientation(Interface[EdgeOrientationConfig]):
         """Return mean and covariance of the pose; raises RefusedError or InputError."""
         cfg = self.config
         window, field = _window_field(inputs, cfg.window_px)
-        if float(np.abs(field.edges).mean()) < _LEAST_EDGES:
-            raise RefusedError("no edges near the body", [f"no_edges:0.00<{cfg.min_correlation:g}"])
         vertices, triangles = np.ascontiguousarray(inputs.vertices), np.ascontiguousarray(inputs.triangles)
+        predicted = body_field(vertices, triangles, inputs.pose, window)
+        image_energy = edge_energy(field.edges[seam_mask(predicted)])
+        if image_energy < _LEAST_EDGES * predicted.mask.sum():
+            raise RefusedError("no edges near the body", [f"no_edges:0.00<{cfg.min_correlation:g}"])
         change = PoseChange(inputs.pose, np.zeros(3), inputs.covariance)
-        light_sum = float(field.light.sum())
 
-        def terms(T_camera_model: FloatArray) -> tuple[float, float]:
-            edges, _, shading = agreement(
-                field, body_field(vertices, triangles, T_camera_model, window), light_sum
-            )
-            return edges, shading
+        def correlation(T_camera_model: FloatArray) -> float:
+            body = body_field(vertices, triangles, T_camera_model, window)
+            return edge_correlation(field, body, image_energy)
 
         def energy(vectors: FloatArray) -> FloatArray:
-            scores = [
-                edges + cfg.shading_weight * shading for edges, shading in map(terms, change.poses(vectors))
-            ]
             prior: FloatArray = 0.5 * np.square(vectors).sum(axis=1)
-            return prior - np.array(scores) / cfg.temperature
+            return prior - np.array([correlation(T) for T in change.poses(vectors)]) / cfg.temperature
 
         rng = np.random.default_rng(cfg.seed)
         mean, vectors, energies = minimise(
@@ -103,7 +98,7 @@ class EdgeOrientation(Interface[EdgeOrientationConfig]):
             energy, start, _SAMPLED_VARIANCE * np.eye(6), rounds=cfg.rounds, samples=cfg.samples, rng=rng
         )
         T_camera_model = change.poses(mean[None])[0]
-        edges, shading = terms(T_camera_model)
+        edges = correlation(T_camera_model)
         if not edges >= cfg.min_correlation:
             raise RefusedError(
                 f"edges of image and mesh correlate by {edges:.2f}",
@@ -113,7 +108,6 @@ class EdgeOrientation(Interface[EdgeOrientationConfig]):
             pose=T_camera_model,
             covariance=symmetrised(change.covariance(spread)),
             correlation=edges,
-            shading=shading,
         )
 
 
@@ -134,20 +128,7 @@ def _window_field(inputs: Inputs, side_px: int) -> tuple[Window, ImageField]:
         np.abs(centre_px - [0.5 * width, 0.5 * height]) < 0.5 * (extent_px + np.array([width, height]))
     ).all():
         raise RefusedError("the body is outside the image", ["outside_image"])
-    scale = extent_px / side_px
-    low = centre_px - 0.5 * extent_px
     grey = inputs.image.astype(np.float32)
     signal = np.maximum(grey - np.percentile(grey, _BACKGROUND_PERCENT), 0.0)
-    if scale > 1.0:
-        signal = cv2.GaussianBlur(signal, (0, 0), 0.5 * scale)
-    to_window = np.array([[1.0, 0.0, -low[0]], [0.0, 1.0, -low[1]]]) / scale
-    signal = cv2.warpAffine(signal, to_window, (side_px, side_px), flags=cv2.INTER_LINEAR)
-    window = Window(
-        K[0, 0] / scale,
-        K[1, 1] / scale,
-        (K[0, 2] - low[0]) / scale,
-        (K[1, 2] - low[1]) / scale,
-        side_px,
-        side_px,
-    )
-    return window, image_field(np.asarray(signal, np.float32))
+    camera = Window(K[0, 0], K[1, 1], K[0, 2], K[1, 2], height, width)
+    return window_field(signal, camera, centre_px, extent_px, side_px)

@@ -74,14 +74,11 @@ class ImagePoseRefinementOutputs:
         Covariance of this pose, given the image and the prediction, as that of the prediction.
     correlation : float
         Correlation of the edges of image and rendering, -1 to 1.
-    shading : float
-        Part of the variance of the light that the normals explain, 0 to 1.
     """
 
     pose: NDArray[np.float64]
     covariance: NDArray[np.float64]
     correlation: float
-    shading: float
 
 
 class ImagePoseRefinementInterface(Dfn[ConfigT, ImagePoseRefinementInputs, ImagePoseRefinementOutputs]):

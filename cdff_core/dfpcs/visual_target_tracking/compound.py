@@ -43,6 +43,11 @@ class VisualTargetTracking(ImageTracking, VisualTargetTrackingInterface):
         super().restart()
         self._orientation_ns: int | None = None
 
+    def on_guess(self, sample: Sample) -> Iterable[Output]:
+        """Store the guess; the next image may be compared by the orientation of all edges."""
+        self._orientation_ns = None
+        return super().on_guess(sample)
+
     def on_sun(self, sample: Sample) -> Iterable[Output]:
         """Store the direction to the Sun; raises InputError if it is not finite or zero."""
         direction = np.asarray(sample.value.values, np.float64)
@@ -106,10 +111,7 @@ class VisualTargetTracking(ImageTracking, VisualTargetTrackingInterface):
         except RefusedError as error:
             fit.faults += error.reasons
             return
-        fit.metrics |= {
-            "edge_correlation": refined_pose.correlation,
-            "explained_light": refined_pose.shading,
-        }
+        fit.metrics["edge_correlation"] = refined_pose.correlation
         fit.faults.append("edge_orientation")
         fit.state = fit.state.with_pose(refined_pose.pose, refined_pose.covariance)
         fit.has_orientation = True

@@ -51,10 +51,10 @@ def test_a_pose_near_the_prediction_is_found_with_a_covariance_that_contains_its
     start = pose_error(prediction(), T)
     assert np.linalg.norm(error[3:]) < np.linalg.norm(start[3:])
     assert np.linalg.norm(error[:2]) < 0.03
+    assert abs(error[2]) < abs(start[2])
     assert error @ np.linalg.solve(outputs.covariance, error) < 20.0
     assert np.trace(outputs.covariance[:2, :2]) < 0.05 * np.trace(COVARIANCE[:2, :2])
     assert outputs.correlation > 0.4
-    assert 0.0 < outputs.shading <= 1.0
     repeated = refined(photograph(), prediction())
     np.testing.assert_array_equal(repeated.pose, outputs.pose)
 
@@ -75,7 +75,7 @@ def test_an_image_without_the_body_is_refused() -> None:
 def test_a_body_that_the_camera_cannot_see_is_refused(position: list[float], reason: str) -> None:
     with pytest.raises(RefusedError) as refused:
         refined(photograph(), se3.transform(R, position))
-    assert refused.value.reasons == [reason] or list(refused.value.reasons) == [reason]
+    assert list(refused.value.reasons) == [reason]
 
 
 def test_a_focal_length_of_zero_is_invalid() -> None:
