@@ -113,7 +113,11 @@ class AnchorTable:
         with self._database.write() as connection:
             self.define(location.body, producer, connection=connection)
             last = self._frames.edge_in(connection, frame, None)
-            if last is not None and expected_revision is None and _is_equal(last, location.body.name, T):
+            if (
+                last is not None
+                and expected_revision in (None, last.revision)
+                and _is_equal(last, location.body.name, T)
+            ):
                 return last
             return self._frames.set(
                 frame,

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Distances at sites on the Earth, as an HTTP client and GDAL measure them on the ellipsoid WGS 84."""
+"""Sites on the Earth, as pystac-client and GDAL read them: distances on WGS 84, and the antimeridian."""
 
 from __future__ import annotations
 
@@ -81,6 +81,12 @@ def put_patch(url: str, frame: str, x_m: float, y_m: float) -> str:
     return identifier
 
 
+def anchor(url: str, frame: str, lon_deg: float, lat_deg: float) -> None:
+    """Anchor a frame on the Earth."""
+    body = {"body": "earth", "lon_deg": lon_deg, "lat_deg": lat_deg}
+    call(f"{url}/api/v1/places/{frame}", "PUT", json.dumps(body).encode(), Content_Type="application/json")
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(shutil.which("gdaltransform") is None, reason="GDAL is not installed; run `make peers`")
 @pytest.mark.parametrize("lat_deg", [0.0, 43.56, -67.5, 85.0])
@@ -88,8 +94,7 @@ def test_a_kilometre_of_a_site_on_the_earth_is_a_kilometre_for_stac_and_gdal(
     url: str, lat_deg: float
 ) -> None:
     frame = f"site_{lat_deg:g}".replace("-", "south_").replace(".", "_")
-    anchor = {"body": "earth", "lon_deg": LON_DEG, "lat_deg": lat_deg}
-    call(f"{url}/api/v1/places/{frame}", "PUT", json.dumps(anchor).encode(), Content_Type="application/json")
+    anchor(url, frame, LON_DEG, lat_deg)
     for x_m, y_m in ((KILOMETRE_M, 0.0), (0.0, KILOMETRE_M)):
         identifier = put_patch(url, frame, x_m, y_m)
         item = json.loads(call(f"{url}/stac/collections/dem/items/{identifier}"))
@@ -106,3 +111,26 @@ def test_a_kilometre_of_a_site_on_the_earth_is_a_kilometre_for_stac_and_gdal(
         gdal_m = WGS_84.inv(LON_DEG, lat_deg, lon, lat)[2]
         print(f"latitude {lat_deg} deg: STAC {min(distances_m):.3f} m, GDAL {gdal_m:.3f} m")
         assert gdal_m == pytest.approx(KILOMETRE_M, abs=LIMIT_M)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("ogrinfo") is None, reason="GDAL is not installed; run `make peers`")
+def test_a_site_on_the_antimeridian_is_found_by_pystac_client_and_gdal(url: str) -> None:
+    pystac_client = pytest.importorskip("pystac_client", reason="pystac-client is not installed")
+    anchor(url, "taveuni", 180.0, -16.8)
+    west, crossing, east = (put_patch(url, "taveuni", x_m, 0.0) for x_m in (-100.0, -1.0, 100.0))
+    boxes = {
+        (179.99, -17.0, -179.99, -16.0): {west, crossing, east},
+        (179.0, -17.0, 180.0, -16.0): {west, crossing},
+        (-180.0, -17.0, -179.0, -16.0): {crossing, east},
+    }
+    stac = pystac_client.Client.open(f"{url}/stac")
+    for box, expected in boxes.items():
+        assert {item.id for item in stac.search(bbox=box).items()} == expected
+    for (low, south, high, north), expected in list(boxes.items())[1:]:
+        box = [str(degrees) for degrees in (low, south, high, north)]
+        command = ["ogrinfo", "-ro", "-al", "-q", "-spat", *box, f"OAPIF:{url}/ogc/collections/dem"]
+        answer = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+        assert answer.returncode == 0, answer.stderr
+        assert {found for found in (west, crossing, east) if found in answer.stdout} == expected
+        assert answer.stdout.count("MULTIPOLYGON") == 1

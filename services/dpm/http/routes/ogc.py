@@ -179,7 +179,7 @@ class ItemParameters(BaseModel):
         return names
 
 
-@router.get("")
+@router.get("", response_model_exclude_none=True)
 def landing(request: Request) -> Landing:
     """Return the landing page."""
     base = base_url(request)

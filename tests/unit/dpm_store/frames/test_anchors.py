@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cdff_common.clock import ManualClock
-from cdff_common.errors import ConfigurationError, InputError
+from cdff_common.errors import ConfigurationError, ConflictError, InputError
 from cdff_common.geodesy import Anchor, Body, body
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.geometry.region import parse_region
@@ -48,7 +48,13 @@ def test_a_corrected_anchor_is_one_revision_and_earlier_ones_can_be_queried(stor
 
 def test_an_equal_anchor_adds_no_revision_and_a_future_state_is_refused(store: Store) -> None:
     first = store.anchors.anchor("site", Anchor(MARS, 77.5, 18.4), sigma_m=5.0)
-    assert store.anchors.anchor("site", Anchor(MARS, 77.5, 18.4), sigma_m=5.0).state == first.state
+    for expected_revision in (None, 1):
+        again = store.anchors.anchor(
+            "site", Anchor(MARS, 77.5, 18.4), sigma_m=5.0, expected_revision=expected_revision
+        )
+        assert again.state == first.state
+    with pytest.raises(ConflictError, match="at revision 1, not 2"):
+        store.anchors.anchor("site", Anchor(MARS, 77.5, 18.4), sigma_m=5.0, expected_revision=2)
     assert store.anchors.anchor("site", Anchor(MARS, 77.5, 18.4), sigma_m=6.0).revision == 2
     with pytest.raises(InputError, match="frames_revision=3: expected at most 2"):
         store.anchors.of("site", HistoryView(state=3))
