@@ -26,8 +26,8 @@ def figures(
 ) -> dict[str, Any]:
     """Run evaluations on workers that can access ``root``, and return the results by name.
 
-    Results in ``build/evaluation`` of the same commit and options are reused; with uncommitted changes all
-    evaluations are run.
+    Successful results in ``build/evaluation`` of the same commit and options are reused; with uncommitted
+    changes all evaluations are run.
 
     Raises
     ------
@@ -37,7 +37,8 @@ def figures(
     options = [
         text for name in ("seed", "count") if getattr(args, name) is not None for text in _option(args, name)
     ]
-    state = json.dumps([dict(origin), options, str(data)], sort_keys=True, default=str)
+    code = {name: origin[name] for name in ("commit", "lock_sha256", "python")}
+    state = json.dumps([code, options, str(data.resolve())], sort_keys=True)
     folder = root / "build" / "evaluation" / hashlib.sha256(state.encode()).hexdigest()[:16]
     if origin["tree_differs"]:
         folder = folder.with_name(f"{folder.name}-{uuid.uuid4().hex}")

@@ -3,11 +3,7 @@
 from __future__ import annotations
 
 import json
-import os
-import signal
-import subprocess
-import sys
-import time
+import threading
 from collections import Counter
 from pathlib import Path
 from typing import Any
@@ -15,11 +11,11 @@ from typing import Any
 import pytest
 
 from cdff_common.errors import InputError, UnavailableError
+from cdff_dev.campaign import runner
 from cdff_dev.campaign.runner import run_campaign, write_table
 from cdff_dev.campaign.units import RESULT, Unit
-from cdff_dev.ports import free_port
+from tests.support.dask_cluster import DaskCluster
 
-ROOT = Path(__file__).resolve().parents[4]
 #: Writes its number into a log that all units share, and into its summary.
 PROGRAM = (
     "import json, pathlib, sys, time; number, log, out, pause = sys.argv[1:];"
@@ -61,48 +57,80 @@ def test_a_failed_and_an_endless_unit_do_not_end_the_campaign(tmp_path: Path) ->
     assert second["exit_code"] == -1
 
 
-def test_names_are_unique_and_a_missing_scheduler_is_named(tmp_path: Path) -> None:
+def test_only_the_failed_units_of_a_campaign_run_again(tmp_path: Path) -> None:
+    log, folder = tmp_path / "log", tmp_path / "out"
+    good, bad = units(log, 2)
+    failing = Unit(bad.name, ("-m", "no_such_module"), bad.labels)
+    assert [result["exit_code"] for result in run_campaign([good, failing], folder)] == [0, 1]
+    assert numbers(run_campaign([good, bad], folder)) == [0, 1]
+    assert Counter(log.read_text().splitlines()) == {"start 0": 1, "end 0": 1, "start 1": 1, "end 1": 1}
+
+
+def test_two_units_with_the_same_name_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="same name"):
         run_campaign([Unit("a", (), {}), Unit("a", (), {})], tmp_path)
 
 
-@pytest.mark.slow
-def test_two_workers_of_dask_one_of_them_killed_lose_and_repeat_no_result(tmp_path: Path) -> None:
+@pytest.mark.parametrize("address", ["nonsense", "tcp://host", "tcp://a b:1", ":8786/x"])
+def test_a_malformed_address_of_a_scheduler_is_refused_at_once(tmp_path: Path, address: str) -> None:
     pytest.importorskip("distributed", reason="Dask is not installed: pip install 'cdff[campaign]'")
-    address = f"tcp://127.0.0.1:{free_port()}"
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "DASK_DISTRIBUTED__SCHEDULER__WORKER_TTL": "10s"}
+    with pytest.raises(InputError, match="tcp://HOST:PORT"):
+        run_campaign([Unit("a", (), {})], tmp_path, dask=address)
 
-    def start(*arguments: str) -> subprocess.Popen[bytes]:
-        command = [sys.executable, "-m", f"distributed.cli.{arguments[0]}", *arguments[1:]]
-        return subprocess.Popen(command, env=environment, cwd=tmp_path, start_new_session=True)
 
-    options = ("--nworkers", "1", "--nthreads", "1", "--no-dashboard", "--no-nanny")
-    scheduler = start("dask_scheduler", "--port", address.rpartition(":")[2], "--no-dashboard")
-    workers = [
-        start("dask_worker", address, *options, "--local-directory", str(tmp_path / str(i))) for i in (0, 1)
-    ]
+@pytest.mark.slow
+def test_a_missing_scheduler_and_one_without_workers_are_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("distributed", reason="Dask is not installed: pip install 'cdff[campaign]'")
+    monkeypatch.setattr(runner, "_WORKERS_S", 1.0)
+    cluster = DaskCluster(tmp_path, workers=0)
+    try:
+        with pytest.raises(UnavailableError, match="has no workers; start one"):
+            run_campaign([Unit("a", (), {})], tmp_path, dask=cluster.address)
+    finally:
+        cluster.close()
+    monkeypatch.setattr(runner, "_CONNECT_S", 2.0)
+    with pytest.raises(UnavailableError, match="no scheduler of Dask answers"):
+        run_campaign([Unit("a", (), {})], tmp_path, dask=cluster.address)
+
+
+@pytest.mark.slow
+def test_two_campaigns_with_units_of_the_same_names_have_their_own_results_on_one_scheduler(
+    cluster: DaskCluster, tmp_path: Path
+) -> None:
+    folders, results = [tmp_path / "a", tmp_path / "b"], {}
+
+    def run(folder: Path) -> None:
+        folder.mkdir()
+        campaign = units(folder / "log", 4, pause_s=0.3)
+        results[folder] = run_campaign(campaign, folder / "out", dask=cluster.address)
+
+    threads = [threading.Thread(target=run, args=(folder,)) for folder in folders]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    for folder in folders:
+        assert numbers(results[folder]) == [0, 1, 2, 3]
+        assert Counter(folder.joinpath("log").read_text().splitlines()).keys() >= {"start 0", "end 3"}
+        assert len(list(folder.glob(f"out/*/{RESULT}"))) == 4
+
+
+@pytest.mark.slow
+def test_two_workers_of_dask_one_of_them_killed_lose_and_repeat_no_result(
+    cluster: DaskCluster, tmp_path: Path
+) -> None:
     log, folder = tmp_path / "log", tmp_path / "out"
     results: list[dict[str, Any]] = []
 
     def on_result(result: dict[str, Any]) -> None:
         results.append(result)
         if len(results) == 4:
-            os.killpg(workers[0].pid, signal.SIGKILL)
+            cluster.kill_worker()
 
-    try:
-        campaign = units(log, 12, pause_s=0.5)
-        deadline_s = time.monotonic() + 60.0
-        while True:
-            try:
-                returned = run_campaign(campaign, folder, dask=address, on_result=on_result)
-                break
-            except UnavailableError:
-                assert time.monotonic() < deadline_s
-    finally:
-        for process in (*workers, scheduler):
-            if process.poll() is None:
-                os.killpg(process.pid, signal.SIGKILL)
-            process.wait()
+    campaign = units(log, 12, pause_s=0.5)
+    returned = run_campaign(campaign, folder, dask=cluster.address, on_result=on_result)
     assert numbers(returned) == list(range(12))
     assert Counter(result["name"] for result in results) == {unit.name: 1 for unit in campaign}
     assert len({result["pid"] for result in results}) == 2

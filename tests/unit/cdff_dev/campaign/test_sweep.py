@@ -14,6 +14,7 @@ import yaml
 from cdff_common.cli import main
 from cdff_common.errors import InputError
 from cdff_dev.campaign.sweep import units_of
+from tests.support.dask_cluster import DaskCluster
 
 
 def arguments(**given: Any) -> argparse.Namespace:
@@ -50,24 +51,59 @@ def test_a_sweep_without_lists_or_too_large_is_refused(tmp_path: Path, values: d
         list(units_of(arguments(), values, {}, tmp_path))
 
 
-@pytest.mark.slow
-def test_the_command_replays_a_log_with_each_value(tmp_path: Path) -> None:
-    parquet = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed")
+def write_poses(path: Path) -> None:
+    """Write the poses of a rotating body."""
     noise = np.random.default_rng(5).normal(0.0, 0.002, (40, 6))
     angles = 0.05 * np.arange(40)
     lines = [
         f"{0.5 * i} {0.1 * i + e[0]} {e[1]} {e[2]} {e[3]} {e[4]} {np.sin(a / 2)} {np.cos(a / 2)}"
         for i, (a, e) in enumerate(zip(angles, noise, strict=True))
     ]
-    (tmp_path / "poses.tum").write_text("\n".join(lines) + "\n")
+    path.write_text("\n".join(lines) + "\n")
+
+
+@pytest.mark.slow
+def test_the_command_replays_a_log_with_each_value_on_this_machine_and_on_dask(
+    cluster: DaskCluster, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed")
+    write_poses(tmp_path / "poses.tum")
     (tmp_path / "sweep.yaml").write_text("seed: [1, 2]\n")
-    out = tmp_path / "out"
-    command = ["replay", str(tmp_path / "poses.tum"), "--dfpc", "tracking_3d", "--out", str(out)]
-    assert main([*command, "--sweep", str(tmp_path / "sweep.yaml")]) == 0
-    rows = parquet.read_table(out / "results.parquet").to_pylist()
-    assert [(row["name"], row["label_seed"], row["exit_code"]) for row in rows] == [
-        ("replay_0000", "1", 0),
-        ("replay_0001", "2", 0),
+    here, there = tmp_path / "here", tmp_path / "there"
+    command = ["replay", str(tmp_path / "poses.tum"), "--dfpc", "tracking_3d"]
+    command += ["--sweep", str(tmp_path / "sweep.yaml")]
+    assert main([*command, "--out", str(here)]) == 0
+    assert main([*command, "--out", str(there), "--dask", cluster.address]) == 0
+    for out in (here, there):
+        rows = parquet.read_table(out / "results.parquet").to_pylist()
+        assert [(row["name"], row["label_seed"], row["exit_code"]) for row in rows] == [
+            ("replay_0000", "1", 0),
+            ("replay_0001", "2", 0),
+        ]
+        assert json.loads(rows[0]["summary"])["samples"] == 40
+    for name in ("replay_0000", "replay_0001"):
+        outputs = [(out / name / "outputs.msg").read_bytes() for out in (here, there)]
+        assert outputs[0] == outputs[1]
+    capsys.readouterr()
+    assert main([*command, "--out", str(there), "--dask", cluster.address]) == 0
+    printed = capsys.readouterr().out.splitlines()
+    assert sorted(line.partition(":")[0] for line in printed) == [
+        "replay_0000",
+        "replay_0001",
+        f"wrote {there / 'results.parquet'}",
     ]
-    assert json.loads(rows[0]["summary"])["samples"] == 40
-    assert (out / "replay_0001" / "outputs.msg").is_file()
+
+
+@pytest.mark.slow
+def test_a_failed_replay_of_a_sweep_is_named_and_the_others_continue(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed")
+    write_poses(tmp_path / "poses.tum")
+    (tmp_path / "sweep.yaml").write_text("implementation: [none, batch]\n")
+    command = ["replay", str(tmp_path / "poses.tum"), "--dfpc", "tracking_3d", "--out", str(tmp_path / "out")]
+    assert main([*command, "--sweep", str(tmp_path / "sweep.yaml")]) == 3
+    assert "replays failed, the first is replay_0000" in capsys.readouterr().err
+    rows = parquet.read_table(tmp_path / "out" / "results.parquet").to_pylist()
+    assert rows[0]["exit_code"] == 1
+    assert "none" in rows[0]["error"]
