@@ -16,6 +16,7 @@ from typing import Any
 import yaml
 
 from cdff_common.errors import InputError, RefusedError
+from cdff_common.extras import import_extra
 from cdff_common.interfaces.yaml_file import read_mapping
 from cdff_dev.campaign.runner import TABLE, run_campaign, write_table
 from cdff_dev.campaign.units import Unit
@@ -38,16 +39,21 @@ def run_sweep(args: argparse.Namespace) -> int:
         If the file is malformed, or ``--dfpc`` or ``--out`` is missing.
     RefusedError
         If a replay failed.
+    CdffError
+        If pyarrow, which writes the table, is not installed.
     """
     if args.dfpc is None or args.out is None:
         raise InputError("--sweep: expected --dfpc NAME and --out DIR")
+    import_extra("pyarrow")  # before the replays, whose results it writes
     folder = Path(args.out)
     values = read_mapping(Path(args.sweep))
     base = {} if args.config is None else read_mapping(Path(args.config))
     units = list(units_of(args, values, base, folder))
 
     def report(result: Mapping[str, Any]) -> None:
-        sys.stdout.write(f"{result['name']}: exit code {result['exit_code']}, {result['wall_s']:.1f} s\n")
+        reason = f": {result['error'].splitlines()[-1]}" if result["exit_code"] and result["error"] else ""
+        text = f"{result['name']}: exit code {result['exit_code']}, {result['wall_s']:.1f} s{reason}\n"
+        sys.stdout.write(text)
         sys.stdout.flush()
 
     results = run_campaign(units, folder, dask=args.dask, on_result=report)

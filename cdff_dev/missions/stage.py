@@ -25,8 +25,9 @@ from cdff_common.errors import ConfigurationError, UnavailableError
 from cdff_common.interfaces.profile import Profile
 from cdff_dev.ports import split_address
 
-#: Longest time until the system is ready, and until it has ended, seconds.
-READY_S = 90.0
+#: Longest time until the system is ready, seconds; at the first start, kernels are compiled. The end of a
+#: process is reported at once.
+READY_S = 300.0
 #: Longest time for the processes to end, seconds: more than the supervisor's own limits.
 END_S = 3.5
 #: Longest time for simulated rovers to end and to write the true poses, seconds.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ import yaml
 
 from cdff_common.cli import main
 from cdff_common.errors import InputError
+from cdff_common.interfaces.registry import Registry
 from cdff_dev.campaign.sweep import units_of
 from tests.support.dask_cluster import DaskCluster
 
@@ -49,6 +51,25 @@ def test_a_folder_takes_the_results_of_one_sweep(tmp_path: Path) -> None:
 def test_a_sweep_without_lists_or_too_large_is_refused(tmp_path: Path, values: dict[str, Any]) -> None:
     with pytest.raises(InputError, match="sweep"):
         list(units_of(arguments(), values, {}, tmp_path))
+
+
+def test_a_missing_library_for_the_table_is_reported_before_the_first_replay(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    (tmp_path / "sweep.yaml").write_text("seed: [1, 2]\n")
+    command = ["replay", "poses.tum", "--dfpc", "tracking_3d", "--sweep", str(tmp_path / "sweep.yaml")]
+    assert main([*command, "--out", str(tmp_path / "out")]) == 1
+    assert "pip install 'cdff[parquet]'" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_example_of_the_page_has_parameters_of_its_dfpc(tmp_path: Path) -> None:
+    page = (Path(__file__).parents[4] / "docs" / "how-to" / "run-a-campaign.md").read_text()
+    example = yaml.safe_load(page.split("```yaml\n")[1].split("```")[0])
+    for unit in units_of(arguments(dfpc="lidar_slam"), example, {}, tmp_path):
+        configuration = yaml.safe_load(Path(unit.arguments[unit.arguments.index("--config") + 1]).read_text())
+        Registry.default().make_dfpc("lidar_slam").configure(configuration)
 
 
 def write_poses(path: Path) -> None:
