@@ -107,7 +107,7 @@ def assess(candidate: ProductCandidate, request: ProductRequest, now_ns: int) ->
     ahead_s = (candidate.t1_ns - now_ns) / NS_PER_S
     if is_timed and ahead_s > AHEAD_TOLERANCE_S:
         violations.append(f"time: captured {ahead_s:.3f} s ahead of the mission clock")
-    elif is_timed and request.t_ns is None and ahead_s > _AHEAD_REMARK_S:
+    elif request.t_ns is None and ahead_s > _AHEAD_REMARK_S:
         remarks.append(f"time: ahead of the mission clock by {ahead_s:.3f} s; the clock of a sensor is wrong")
     if request.window_ns is not None and not request.window_ns[0] <= candidate.t1_ns <= request.window_ns[1]:
         violations.append("time: captured outside of the requested window")

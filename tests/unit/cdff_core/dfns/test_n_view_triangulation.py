@@ -103,6 +103,27 @@ def test_lens_distortion_is_corrected() -> None:
     assert solve(problem).points == pytest.approx(points, abs=1e-6)
 
 
+def test_each_camera_has_its_own_lens() -> None:
+    lenses = np.array([[700.0, 690.0, 320.0, 240.0], [400.0, 410.0, 200.0, 150.0]])
+    points = np.array([[0.5, -0.4, 4.0], [1.0, 0.8, 6.0]])
+    T = np.stack([np.eye(4), se3.transform(np.eye(3), [0.8, 0.0, 0.1])])
+    pixels = []
+    for t, (fx, fy, cx, cy) in zip(T, lenses, strict=True):
+        p = se3.transform_points(np.linalg.inv(t), points)
+        pixels.append(p[:, :2] / p[:, 2:] * [fx, fy] + [cx, cy])
+    observations = (np.tile([0, 1], 2), np.repeat([0, 1], 2))
+    problem = BundleProblem.from_arrays(
+        T,
+        lenses,
+        np.zeros((2, 3)),
+        observations,
+        np.stack(pixels, axis=1).reshape(-1, 2),
+        frame="site",
+        lens_of_camera=[0, 1],
+    )
+    assert solve(problem).points == pytest.approx(points, abs=1e-6)
+
+
 def test_a_lens_without_focal_length_and_no_cameras_are_refused() -> None:
     with pytest.raises(InputError, match="cameras"):
         solve(BundleProblem())

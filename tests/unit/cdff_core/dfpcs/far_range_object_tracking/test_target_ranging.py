@@ -15,7 +15,12 @@ from cdff_common.types import Mesh, TransformWithCovariance, Vector3d
 from cdff_core.bearing_tracking.camera_attitude import CameraAttitude
 from cdff_core.dfns.star_field_background.interface import StarFieldBackgroundOutputs
 from cdff_core.dfpcs.far_range_object_tracking.configuration import FarRangeObjectTrackingConfig
-from cdff_core.dfpcs.far_range_object_tracking.target_ranging import TargetRange, TargetRanging, target_model
+from cdff_core.dfpcs.far_range_object_tracking.target_ranging import (
+    TargetRange,
+    TargetRanging,
+    _Window,
+    target_model,
+)
 from tests.support.satellite import satellite
 from tests.support.star_scene import CAMERA, SATELLITE_SUN, satellite_light
 
@@ -108,3 +113,24 @@ def test_a_target_below_five_pixels_has_no_range() -> None:
     with pytest.raises(RefusedError) as refusal:
         measured(4.0, is_attitude_known=True)
     assert refusal.value.reasons[0].startswith("unresolved:")
+
+
+@pytest.mark.parametrize("extent_px", [40, 400])
+def test_the_window_of_a_large_target_is_smoothed_before_its_reduction(extent_px: int) -> None:
+    rows, columns = CAMERA.rows, CAMERA.cols
+    stripes = np.where(np.arange(columns) // 2 % 2, 1.0, -1.0).astype(np.float32)
+    image = StarFieldBackgroundOutputs(
+        residual=np.repeat(stripes[None], rows, axis=0),
+        noise=np.full((rows, columns), 2.0, np.float32),
+        mask=np.zeros((rows, columns), np.uint8),
+        saturated=0.0,
+    )
+    centre = 0.5 * np.array([columns, rows])
+    box = np.repeat(centre, 2) + 0.5 * extent_px * np.array([-1, 1, -1, 1])
+    window = _Window.around(CAMERA, ATTITUDE, image, box, 0.49 * np.eye(2))
+    factor = CAMERA.fx / window.focal_px
+    assert (factor > 1.5) is (extent_px > 100)
+    assert bool(np.abs(window.image).mean() < 0.2) is (factor > 1.5)
+    assert window.noise == pytest.approx(2.0 / factor)
+    expected_px = np.hypot(0.7, 0.5 * factor if factor > 1.0 else 0.0) / factor
+    assert window.point_spread_px == pytest.approx(expected_px)

@@ -91,6 +91,25 @@ def test_a_model_is_localised_with_covariance_and_provenance(
     )
 
 
+@pytest.mark.parametrize("normals_to_fine", [True, False])
+def test_only_the_coarsest_level_gets_normals_if_the_fine_ones_need_none(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch, normals_to_fine: bool
+) -> None:
+    dfpc: Any = make_configured_dfpc("PointToPlane", normals_to_fine=normals_to_fine, confirmations=0)
+    has_normals: dict[int, set[bool]] = {}
+    for level, register in enumerate(dfpc._register):
+
+        def record(inputs: Any, level: int = level, process: Any = register.process) -> Any:
+            has_normals.setdefault(level, set()).add(inputs.target_normals is not None)
+            return process(inputs)
+
+        monkeypatch.setattr(register, "process", record)
+    localise(dfpc, cloud("model", model_of(surfaces.terrain(rng))), cloud("scene", surfaces.terrain(rng)))
+    assert len(has_normals) > 1
+    assert has_normals.pop(0) == {True}
+    assert all(answers == {normals_to_fine} for answers in has_normals.values())
+
+
 def test_the_covariance_of_a_cloud_without_coarser_levels_contains_its_resolution(
     rng: np.random.Generator,
 ) -> None:
