@@ -18,11 +18,13 @@ from cdff_core.orchestration.lifecycle import JobState
 from cdff_core.orchestration.planner import NoPlan, Plan
 from cdff_core.orchestration.request import parse_request
 from cdff_core.orchestration.world import ProviderId, SensorId
+from cdff_dev.mission_replay.virtual import Scheduler, VirtualTiming
 from services.orchestrator.job_plan import JobPlan
 from services.orchestrator.jobs import JobRegistry
 from services.orchestrator.journal import Journal
 from services.orchestrator.plan_progress import PlanProgress
 from services.orchestrator.product_finder import ProductMatch
+from services.orchestrator.timing import REAL, Timing
 
 S = 1_000_000_000
 FIRST, SECOND = ProviderId("mana", "first"), ProviderId("mana", "second")
@@ -92,9 +94,14 @@ def state() -> State:
 
 
 def job_plan(
-    journal: Journal, state: State, planner: Planner | None = None, now_s: int = 100, **parameters: str
+    journal: Journal,
+    state: State,
+    planner: Planner | None = None,
+    now_s: int = 100,
+    timing: Timing = REAL,
+    **parameters: str,
 ) -> JobPlan:
-    jobs = JobRegistry(journal, 4)
+    jobs = JobRegistry(journal, 4, timing=timing)
     job = jobs.open(parse_request({"type": "dem", "priority": "7", **parameters}, "mana"))
     jobs.move(job, JobState.LOOKING)
     return JobPlan(
@@ -149,6 +156,21 @@ def test_a_past_time_cannot_be_planned_but_the_present_can(journal: Journal, sta
     (decision,) = (r for r in journal.records() if r["kind"] == "decision")
     assert (decision["job"], decision["no_plan"]) == (past.job.id, past.impossible)
     assert job_plan(journal, state, t=str(100 * S)).make(None, "")
+
+
+def test_an_impossible_plan_is_searched_again_after_a_second(journal: Journal, state: State) -> None:
+    scheduler, planner = Scheduler(), Planner(providers=())
+    plan = job_plan(journal, state, planner, timing=VirtualTiming(scheduler), every_s="2")
+    searches = []
+    for now_s in (0.0, 0.5, 0.99, 1.0, 1.5, 2.0):
+        scheduler.now_s = now_s
+        assert not plan.make(None, "")
+        searches.append(len(planner.calls))
+    assert searches == [1, 1, 1, 2, 2, 3]
+    planner.providers = (FIRST,)
+    scheduler.now_s = 3.0
+    assert plan.make(None, "")
+    assert plan.impossible == ""
 
 
 @pytest.mark.parametrize(("failures", "is_abandoned"), [(2, False), (3, True), (4, True)])
