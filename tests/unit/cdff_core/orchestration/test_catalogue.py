@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from cdff_common.contract.acquisition import AcquisitionParameters
 from cdff_common.errors import InputError
 from cdff_common.interfaces.profile import Profile, load_profile
 from cdff_common.interfaces.registry import Registry
@@ -190,6 +191,28 @@ def test_a_leased_sensor_can_be_taken_only_by_a_request_of_higher_priority() -> 
     assert leases.displaced("low") == {}
     leases.acquire("both", [], {sensor: "fast"}, accepts={sensor: ["slow", "fast"]}, priority=3)
     assert leases.held_mode(sensor) == "slow", "a single mode that satisfies both leases"
+
+
+def test_for_a_single_acquisition_only_the_modes_that_perform_it_provide_samples() -> None:
+    """A sensor without a mode for the acquisition streams as without one."""
+    video = {"off": {"on": False}, "video": {"rate_hz": 5.0}}
+    shot = {"acquires": 1, "parameters": {"pan_deg": {"least": -90.0, "greatest": 90.0}}}
+    common = {"kind": "camera", "frame": "mana/mast", "streams": {"image": "Frame"}, "initial_mode": "off"}
+    sensors = {
+        "mast": common | {"modes": video | {"shot": shot}},
+        "navcam": common | {"modes": video},
+    }
+    profile = Profile.model_validate({"name": "test", "robots": [{"id": "mana", "sensors": sensors}]})
+
+    def modes(acquire: str | None, sensor: str) -> dict[str, bool]:
+        parameters = None if acquire is None else AcquisitionParameters.parse(acquire)
+        world = world_of(profile, {}, ObservedState(), Leases(), {}, acquire=parameters)
+        return dict(world.sensors[SensorId("mana", sensor)].modes)
+
+    assert modes(None, "mast") == {"off": False, "video": True, "shot": False}
+    assert modes("pan_deg:30", "mast") == {"off": False, "video": False, "shot": True}
+    assert modes("pan_deg:120", "mast") == modes(None, "mast"), "beyond the limits of the mode"
+    assert modes("pan_deg:30", "navcam") == {"off": False, "video": True}
 
 
 @pytest.mark.parametrize("is_required", [False, True])
