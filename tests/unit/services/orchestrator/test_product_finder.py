@@ -379,3 +379,19 @@ def test_a_region_without_products_has_no_match_and_coverage_0(product: str) -> 
     )
     assert found is None
     assert reason == f"the DPM holds no {product} of mana in the region (coverage 0)"
+
+
+def test_the_distance_of_a_region_is_that_of_its_farthest_corner_from_the_robot() -> None:
+    dpm = DpmDouble()
+    located = finder(dpm)
+    for region, distance_m in (
+        ("bbox:0,0,4,5", 5.0),
+        ("bbox:-2,-3,1,2", 5.0),
+        ("near:mana/base,2", 2.0 * 2**0.5),
+    ):
+        distance = located.distance_m(request(type="dem", region=region), "mana", 1e9)
+        assert distance == pytest.approx(distance_m), region
+    assert dpm.poses[0] == ("mana", "site", "mana/base", None)
+    assert located.distance_m(request(type="dem"), "mana", 1e9) is None
+    dpm.pose_error = FrameNotFoundError("no pose")
+    assert located.distance_m(request(type="dem", region="bbox:0,0,4,5"), "mana", 1e9) is None
