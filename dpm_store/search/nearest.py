@@ -128,8 +128,6 @@ class _Squares:
         square = (x - reach, y - reach, -math.inf, x + reach, y + reach, math.inf)
         boxes = [(f.ordinal, box) for f in self._frames.values() if (box := f.box(square)) is not None]
         where, values = self._search.candidates(self._connection, self._query, boxes)
-        if where is None:
-            return ()
         sides = [p[side] for side in schema.SIDES]
         matching = conditions(self._query, dialect_of(self._connection))
         statement = select(p.ordinal, p.t1_ns, p.frame, *sides).where(*matching, where)

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from sqlalchemy import Connection, func, or_, select
+from sqlalchemy import Connection, false, func, or_, select
 
 from cdff_common.clock import NS_PER_S, monotonic_s
 from cdff_common.contract.limits import LATEST_NS, MAX_PAGE
@@ -194,12 +194,12 @@ class Search:
     ) -> tuple[Any, dict[str, Any]]:
         """Return the condition that a product's indexed box may overlap one of these, and its values.
 
-        The condition is None without boxes or without products.
+        The condition is false without boxes or without products.
         """
         epoch = self._epoch(connection)
         index_boxes = self._index_boxes(connection, query, boxes)
         if epoch is None or not index_boxes:
-            return None, {}
+            return false(), {}
         t_s = (
             -math.inf if query.t0_ns is None else (query.t0_ns - epoch) / NS_PER_S,
             math.inf if query.t1_ns is None else (query.t1_ns - epoch) / NS_PER_S,
