@@ -1,10 +1,13 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Selection of patches by their boxes, and headers of products derived from others."""
+"""Selection of patches by their boxes, headers of products derived from others, and end of the readers."""
 
 from __future__ import annotations
 
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from typing import Any
 
 import msgpack
 import numpy as np
@@ -15,6 +18,7 @@ from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.interfaces.product import CovarianceKind, Header, Quality, Status, product_id
 from dpm_store.maps.patches import (
     DERIVED_DFPC,
+    Patches,
     PatchSelection,
     bounds_each,
     bounds_in,
@@ -116,3 +120,15 @@ def test_degraded_and_purged_sources_degrade_a_derived_product(
     quality = derived(record(1), record(2, quality=Quality(status)), purged=purged).quality
     assert quality.reasons == reasons
     assert quality.status is (Status.DEGRADED if reasons else Status.OK)
+
+
+def test_the_end_waits_for_a_running_read_and_cancels_queued_ones() -> None:
+    unused: Any = None
+    readers, is_cancelled = ThreadPoolExecutor(1), threading.Event()
+    patches = Patches(unused, unused, unused, readers=readers)
+    running = readers.submit(is_cancelled.wait, 5.0)
+    queued = readers.submit(int)
+    queued.add_done_callback(lambda _: is_cancelled.set())
+    patches.close()
+    assert queued.cancelled()
+    assert running.result(0.0), "the queued read was cancelled while the other one was running"
