@@ -21,11 +21,11 @@ def sphere() -> ModelSurface:
     return model_surface(RADIUS_M * directions, directions, SPACING_M)
 
 
-def steps(sphere: ModelSurface, wall_m: float, x_m: float = 0.0) -> float:
-    """Return the steps along the outline of a sphere at 1 m, in a view of a wall at ``wall_m``."""
+def steps(sphere: ModelSurface, wall_m: float, x_m: float = 0.0, z_m: float = 1.0) -> float:
+    """Return the steps along the outline of a sphere at ``z_m``, in a view of a wall at ``wall_m``."""
     depth = np.full((200, 200), wall_m)
     image = RangeImage(np.eye(3), depth, np.array([-0.5, -0.5]), PIXEL, PIXEL / 1.5)
-    return outline_steps(image, sphere, se3.transform(np.eye(3), [x_m, 0.0, 1.0]), SPACING_M, 0.02)
+    return outline_steps(image, sphere, se3.transform(np.eye(3), [x_m, 0.0, z_m]), SPACING_M, 0.02)
 
 
 def test_a_wall_behind_a_sphere_is_a_step_along_the_whole_outline(sphere: ModelSurface) -> None:
@@ -46,3 +46,7 @@ def test_a_sphere_outside_the_image_has_no_visible_outline(sphere: ModelSurface)
 
 def test_the_part_of_an_outline_inside_the_image_counts(sphere: ModelSurface) -> None:
     assert steps(sphere, 1.2, x_m=0.5) == 1.0
+
+
+def test_a_sphere_behind_the_sensor_has_no_outline(sphere: ModelSurface) -> None:
+    assert steps(sphere, 1.2, z_m=-1.0) == 0.0
