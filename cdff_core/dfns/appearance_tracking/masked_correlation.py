@@ -65,13 +65,12 @@ class MaskedCorrelation(Interface[MaskedCorrelationConfig]):
     def _at_scale(self, inputs: Inputs, scale: float) -> Outputs | None:
         """Return the best match of the template at one scale; None if the window is too small for it."""
         rows, cols = inputs.template.shape
-        template, weights = inputs.template, inputs.weights
         size = (max(round(cols * scale), _MIN_SIDE_PX), max(round(rows * scale), _MIN_SIDE_PX))
-        if size != (cols, rows):
-            method = cv2.INTER_AREA if scale < 1.0 else cv2.INTER_LINEAR
-            template, weights = (
-                np.asarray(cv2.resize(x, size, interpolation=method), np.float32) for x in (template, weights)
-            )
+        method = cv2.INTER_AREA if scale < 1.0 else cv2.INTER_LINEAR
+        template, weights = (
+            np.asarray(cv2.resize(x, size, interpolation=method), np.float32)
+            for x in (inputs.template, inputs.weights)
+        )
         middle = 0.5 * (np.array(size) - 1.0)
         first = np.floor(inputs.place - middle - inputs.reach).astype(int)
         last = np.ceil(inputs.place - middle + inputs.reach).astype(int) + np.array(size)
