@@ -14,6 +14,7 @@ from cdff_core.dfns.global_registration_3d._clique import (
     Bits,
     _bit_count,
     _colour,
+    _greedy_clique,
     _lowest_bit,
     _search,
     consistency_graph,
@@ -73,6 +74,19 @@ def test_the_search_alone_finds_a_largest_clique_if_it_exceeds_the_bound() -> No
                 assert tuple(sorted(result.tolist())) in largest
                 assert work >= 7 + 9
             assert len(_search(bits, everything, size, 0, 10**6)[0]) == 0
+
+
+@pytest.mark.parametrize(("n", "density"), [(1, 0.0), (9, 0.3), (9, 0.9), (70, 0.5), (130, 0.8)])
+def test_the_greedy_clique_adds_the_candidate_that_is_adjacent_to_most_others(n: int, density: float) -> None:
+    adjacency = random_adjacency(np.random.default_rng(6), n, density)
+    bits = as_bits(adjacency)
+    for v in range(min(n, 9)):
+        expected, candidates = [v], adjacency[v].copy()
+        while candidates.any():
+            common = np.where(candidates, adjacency[:, candidates].sum(axis=1), -1)
+            expected.append(int(np.argmax(common)))  # the lowest one of equals
+            candidates &= adjacency[expected[-1]]
+        assert _greedy_clique(bits, np.zeros(n, np.int64), v).tolist() == expected
 
 
 def test_few_candidates_are_not_coloured() -> None:
