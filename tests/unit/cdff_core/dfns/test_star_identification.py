@@ -84,6 +84,19 @@ def test_a_guess_is_used_and_a_wrong_one_does_no_harm(
         assert se3.rotation_angle(result.rotation @ R.T) < 5e-4
 
 
+def test_sources_without_a_star_have_no_index_and_no_direction(
+    identify: Callable[..., StarIdentificationOutputs],
+) -> None:
+    directions, truth = seen_stars(pointing(120.0, -40.0, 77.0), np.random.default_rng(4), false=5)
+    result = identify(directions)
+    is_matched = result.stars >= 0
+    assert (result.stars[truth < 0] == -1).all()
+    assert (result.stars[~is_matched] == -1).all()
+    np.testing.assert_array_equal(np.isnan(result.star_directions).all(axis=1), ~is_matched)
+    expected = CATALOGUE.directions[result.stars[is_matched]]
+    np.testing.assert_allclose(result.star_directions[is_matched], expected, atol=1e-12)
+
+
 def test_errors_of_focal_length_and_distortion_are_measured(
     identify: Callable[..., StarIdentificationOutputs],
 ) -> None:
