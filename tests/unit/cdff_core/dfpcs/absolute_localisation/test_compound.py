@@ -131,6 +131,9 @@ def test_without_poses_the_extent_of_the_map_ends_a_segment_and_the_fix_is_the_p
     middle = drive.estimated_poses[3]
     position = (outputs[0].value.transform.matrix @ middle)[:2, 3]
     assert np.hypot(*(position - drive.true_poses[3][:2, 3])) < 1.2
+    # Roll and pitch, which are not measured, have a standard deviation of 1 degree.
+    tilt_covariance = outputs[0].value.transform.covariance[3:5, 3:5]
+    np.testing.assert_allclose(tilt_covariance, np.radians(1.0) ** 2 * np.eye(2), rtol=1e-6, atol=1e-12)
 
 
 def pose_sample(port: str, T: np.ndarray, i: int) -> Sample:
