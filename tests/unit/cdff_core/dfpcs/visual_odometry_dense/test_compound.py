@@ -98,6 +98,18 @@ def test_a_missing_pair_is_bridged(pairs: list[FramePair]) -> None:
     assert np.linalg.norm(error(outputs[-1], 4)[:3]) < 0.005
 
 
+def test_a_rotation_far_from_the_prediction_is_measured_by_matched_descriptors(
+    pairs: list[FramePair],
+) -> None:
+    dfpc = make_configured_dfpc()
+    step(dfpc, pairs[0], 0)
+    T_first_turned = se3.transform(se3.exp_so3([0.0, 0.3, 0.0]), [0.1, 0.0, 0.2])
+    output = step(dfpc, stereo_pair(TRUE_POSES[0] @ T_first_turned, STEP_NS), 1)
+    last = cov.pose_error(T_first_turned, output.value.transform.matrix)
+    assert np.linalg.norm(last[:3]) < 0.01
+    assert np.linalg.norm(last[3:]) < 2e-3
+
+
 @pytest.mark.parametrize(
     ("left", "right", "reason"),
     [(0, 0, "low_contrast_left"), (255, 255, "saturated_left"), (90, 90, "low_contrast_left")],
