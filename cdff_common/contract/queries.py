@@ -478,19 +478,24 @@ class FaultParameters(RobotParameters):
     lost: str = ""
 
 
-class ContactParameters(Parameters):
-    """Parameters of ``dpm/@rpc/contact``."""
+class ContactViewParameters(Parameters):
+    """Parameters of a view of the exchange with robots over contact windows."""
 
     what: Literal["status", "plan", "estimate", "requests"] = Field("status", description="What to return")
     robot: Robot | None = Field(None, description="Robot of the estimate, the windows or the request")
+    id: str | None = Field(None, pattern=rf"^{REQUEST_ID}$", description="Request to return or to keep")
+    limit: Annotated[Whole, Field(ge=1, le=1000)] = Field(1000, description="Largest number of items")
+
+
+class ContactParameters(ContactViewParameters):
+    """Parameters of ``dpm/@rpc/contact``."""
+
     first: str | None = Field(
         None, max_length=64, description="Product of the robot that is sent before all others, with robot"
     )
-    id: str | None = Field(None, pattern=rf"^{REQUEST_ID}$", description="Request to return or to keep")
     expires_s: Annotated[Number, Field(gt=0)] | None = Field(
         None, description="Time until a kept request expires, default a day"
     )
-    limit: Annotated[Whole, Field(ge=1, le=1000)] = Field(1000, description="Largest number of items")
 
 
 class RequestParameters(Parameters):

@@ -54,15 +54,17 @@ S = 1_000_000_000
 Answers = dict[str, Counter[int]]
 
 
-class _Orchestrator:
-    """Bus double that answers like an orchestrator."""
+class _Services:
+    """Bus double that answers like an orchestrator and the exchange over contact windows."""
 
     def call(self, key: str, parameters: dict[str, str], **_: Any) -> Reply:
-        """Return an empty list of jobs, or a reference."""
+        """Return an empty list of jobs, a reference, or no robots."""
         if key.endswith("/jobs"):
             return Reply.of({"jobs": []})
         if key.endswith("/request"):
             return Reply.of({}, kind="reference", id="0" * 36, job="j", final=True)
+        if key.endswith("/contact"):
+            return Reply.of({"robots": {}})
         raise NoAnswerError(f"{key}: no answer")
 
     def alive(self, _key: str) -> set[str]:
@@ -80,7 +82,7 @@ def application(directory: Path) -> Iterator[Any]:
         context = Context(
             dpm,
             Settings(directory, max_body_bytes=_MAX_PAYLOAD_BYTES),
-            bus=_Orchestrator(),  # type: ignore[arg-type]
+            bus=_Services(),  # type: ignore[arg-type]
         )
         yield create_app(context)
 

@@ -11,10 +11,11 @@ from __future__ import annotations
 import logging
 import os
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
 
-from cdff_common.bus import Bus, keys
+from cdff_common.bus import Bus, Reply, Request, keys
+from cdff_common.errors import UnavailableError
 from cdff_common.heartbeat import add_check
 from cdff_common.interfaces.profile import Exchange, Profile, load_profile
 from cdff_common.mission_clock import MissionClock
@@ -113,14 +114,28 @@ def run_dpm(settings: Settings, stop: threading.Event) -> None:
 def _exchange(bus: Bus, dpm: Dpm, settings: Settings, profile: Profile | None) -> Iterator[None]:
     """Exchange products over a link with contact windows inside the block, if there is a contact plan."""
     if settings.contact_plan is None:
+        text = "this DPM has no contact plan; start it with `cdff service dpm --contact-plan FILE`"
+        bus.serve(keys.dpm_rpc(keys.GROUND, "contact"), _refusal(text), workers=1)
         yield
         return
     from services.contact.service import start_exchange
 
     order = Exchange() if profile is None else profile.exchange
     link = (settings.contact_plan, settings.contact_link, settings.contact_robot)
+    if settings.contact_robot is not None:
+        text = f"this is the DPM on {settings.contact_robot}; connect to the router of the ground"
+        bus.serve(keys.dpm_rpc(keys.GROUND, "contact"), _refusal(text), workers=1)
     with closing(start_exchange(bus, dpm, *link, order)):
         yield
+
+
+def _refusal(text: str) -> Callable[[Request], Reply]:
+    """Return a handler of calls that raises UnavailableError with a text."""
+
+    def refuse(_: Request) -> Reply:
+        raise UnavailableError(text)
+
+    return refuse
 
 
 def _warm() -> None:

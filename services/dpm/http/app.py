@@ -24,6 +24,7 @@ from services.dpm.http.models import OPENAPI, Problem
 from services.dpm.http.routes import annotations as annotation_routes
 from services.dpm.http.routes import (
     bodies,
+    contact,
     frames,
     layers,
     maps,
@@ -61,6 +62,7 @@ MODULES = (
     wmts,
     tiles,
     requests,
+    contact,
     retention,
     status,
     stac,
