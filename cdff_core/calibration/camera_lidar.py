@@ -74,12 +74,12 @@ def camera_lidar_calibration(
         If fewer than ``LEAST_SCANS`` scans have a panel or agree with each other.
     """
     if len(boards) != len(panels):
-        raise InputError(f"{len(boards)} images and {len(panels)} scans: expected as many")
+        raise InputError(f"{len(boards)} images and {len(panels)} scans: expected equal numbers")
     seen = [k for k, own in enumerate(panels) if own]
     if len(seen) < LEAST_SCANS:
         raise DegenerateGeometryError(
             f"a panel of this size was detected in {len(seen)} of {len(panels)} scans, expected at least "
-            f"{LEAST_SCANS}; check --panel, hold the board free of other surfaces, and nearer to the lidar",
+            f"{LEAST_SCANS}; check --panel, keep other surfaces away from the board, and move it closer",
             ("panel",),
         )
     normals, centres = _planes(boards, centre_m)
@@ -274,8 +274,8 @@ def _sentences(normals: FloatArray, covariance: FloatArray, dropped: int, unseen
     if dropped:
         sentences.append(
             f"{dropped} scans contradict the others: check that scans and images have the same time, and "
-            "hold the board free of other surfaces"
+            "keep other surfaces away from the board"
         )
     if unseen:
-        sentences.append(f"no panel of this size in {unseen} scans: hold the board nearer to the lidar")
+        sentences.append(f"no panel of this size in {unseen} scans: move the board closer to the lidar")
     return sentences or ["good: all directions are determined"]

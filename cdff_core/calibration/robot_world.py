@@ -74,7 +74,9 @@ def robot_world_calibration(
         If there are fewer than ``LEAST_POSES`` poses, or the hand does not rotate.
     """
     if len(hands) != len(boards):
-        raise InputError(f"{len(hands)} poses of the hand and {len(boards)} of the board: expected as many")
+        raise InputError(
+            f"{len(hands)} poses of the hand and {len(boards)} of the board: expected equal numbers"
+        )
     if len(hands) < LEAST_POSES:
         raise DegenerateGeometryError(
             f"{len(hands)} images with a board and a pose of the hand: expected at least {LEAST_POSES}; "
@@ -100,7 +102,7 @@ def robot_world_calibration(
     if len(kept) < LEAST_POSES:
         raise DegenerateGeometryError(
             f"{len(kept)} of {len(hands)} poses agree with each other: expected at least {LEAST_POSES}; "
-            "check that images and poses of the hand belong together, and that the board did not move",
+            "check that each image has its own pose of the hand, and that the board did not move",
             ("motion",),
         )
     errors, J, noise_of_board = _linearised(hands[kept], B[kept], X, Z, own[kept])

@@ -65,7 +65,7 @@ def run(args: argparse.Namespace) -> int:
     if args.write and mounts:
         write_frames(Path(args.profile), robot, f"{robot}/base", mounts)
         if not args.json:
-            print(f"wrote {', '.join(mounts)} to {args.profile}; the DPM takes them at the next cdff up")
+            print(f"wrote {', '.join(mounts)} to {args.profile}; the DPM uses them from the next cdff up on")
     if args.dpm and mounts:
         print("\n".join(send_frames(args, f"{result.robot}/base", mounts, end_ns)))
     return 0 if mounts else 3

@@ -201,7 +201,7 @@ def _finish(
         robot = args.robot or edge_parent.split("/")[0]
         write_frames(args.profile, robot, edge_parent, {edge_child: T})
         if not args.json:
-            print(f"wrote {edge_child} to {args.profile}; the DPM takes it at the next cdff up")
+            print(f"wrote {edge_child} to {args.profile}; the DPM uses it from the next cdff up on")
     if args.dpm:
         lines = send_frames(args, edge_parent, {edge_child: T}, int(stamps_ns.max()))
         if not args.json:

@@ -105,7 +105,7 @@ def hand_poses(
 def poses_at(
     wanted_ns: NDArray[np.int64], stamps_ns: NDArray[np.int64], poses: FloatArray
 ) -> tuple[FloatArray, NDArray[np.bool_], str]:
-    """Return interpolated poses ``(n, 4, 4)``, for which times there are some, and ``time`` or ``order``.
+    """Return interpolated poses ``(n, 4, 4)``, a mask of the times that have one, and ``time`` or ``order``.
 
     Images and poses that were saved one by one often have no common clock: if their numbers are equal and the
     times of less than half of the images are between two poses, image k belongs to pose k.
