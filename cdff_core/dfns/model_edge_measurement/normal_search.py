@@ -12,6 +12,7 @@ from pydantic import Field
 
 from cdff_common.arrays import Float32Array, FloatArray
 from cdff_common.errors import InputError
+from cdff_common.geometry.robust import median_sigma
 from cdff_common.interfaces.dfn import DfnConfig
 from cdff_core.dfns.model_edge_measurement.interface import Inputs, Interface, Outputs
 from cdff_core.object_models.mesh_edges import MeshEdges, mesh_edges, visible_edge_points
@@ -27,6 +28,12 @@ class NormalSearchConfig(DfnConfig):
     hypotheses: int = Field(4, ge=1, le=20, description="Largest number of image edges of a control point")
     contrast: float = Field(
         0.02, gt=0, lt=1, description="Step of an image edge, relative to the range of grey values"
+    )
+    min_noise_ratio: float = Field(
+        4.0,
+        ge=0,
+        le=100,
+        description="Step of an image edge, relative to the standard deviation of the steps on all normals",
     )
 
 
@@ -57,8 +64,11 @@ class NormalSearch(Interface[NormalSearchConfig]):
             )
         step = -(-len(points) // cfg.max_points)
         points, pixels, normals = points[::step], pixels[::step], normals[::step]
-        min_contrast = cfg.contrast * max(float(np.ptp(inputs.image)), 1e-30)
-        offsets = search(inputs.image, pixels, normals, inputs.range_px, cfg.hypotheses, min_contrast)
+        slopes = slopes_along(inputs.image, pixels, normals, math.ceil(inputs.range_px) + 3)
+        # Half of a step. Most samples are not on an edge, so that their median is that of noise or texture.
+        noise = median_sigma(slopes[np.isfinite(slopes)])
+        min_slope = max(0.5 * cfg.contrast * float(np.ptp(inputs.image)), cfg.min_noise_ratio * noise, 1e-30)
+        offsets = strongest_extrema(slopes, inputs.range_px, cfg.hypotheses, min_slope)
         return Outputs(points=points, pixels=pixels, normals=normals, offsets=offsets)
 
     def _edges_of(self, inputs: Inputs) -> MeshEdges:
@@ -72,24 +82,16 @@ class NormalSearch(Interface[NormalSearchConfig]):
 
 
 @njit(cache=True)
-def search(
-    image: Float32Array,
-    pixels: FloatArray,
-    normals: FloatArray,
-    range_px: float,
-    hypotheses: int,
-    min_contrast: float,
-) -> FloatArray:  # pragma: no cover - compiled
-    """Return the offsets (n, hypotheses) of the strongest edges along the normals; NaN where there are fewer.
+def slopes_along(
+    image: Float32Array, pixels: FloatArray, normals: FloatArray, half: int
+) -> Float32Array:  # pragma: no cover - compiled
+    """Return the smoothed derivatives (n, 2 half + 1) of the grey values along the normals, per pixel.
 
     The profile is sampled every pixel by bilinear interpolation and averaged over three pixels along the
-    edge. An edge is an extremum of the smoothed derivative with a step of at least ``min_contrast``.
+    edge. The derivatives at both ends are 0, those with samples outside the image NaN.
     """
-    half = int(np.ceil(range_px)) + 3
     count = 2 * half + 1
-    profile, slope = np.empty(count), np.zeros(count)
-    offsets = np.full((len(pixels), hypotheses), np.nan)
-    strength = np.empty(hypotheses)
+    profile, slopes = np.empty(count), np.zeros((len(pixels), count), np.float32)
     for i in range(len(pixels)):
         nu, nv = normals[i, 0], normals[i, 1]
         for k in range(count):
@@ -107,15 +109,29 @@ def search(
                 pixels_used += 1
             profile[k] = total / pixels_used if pixels_used else np.nan
         for k in range(2, count - 2):
-            # Derivative of a quadratic smoother of five samples; NaN outside the image.
-            slope[k] = 0.25 * (profile[k + 1] - profile[k - 1]) + 0.125 * (profile[k + 2] - profile[k - 2])
+            # Derivative of a quadratic smoother of five samples.
+            slopes[i, k] = 0.25 * (profile[k + 1] - profile[k - 1]) + 0.125 * (profile[k + 2] - profile[k - 2])
+    return slopes
+
+
+@njit(cache=True)
+def strongest_extrema(
+    slopes: Float32Array, range_px: float, hypotheses: int, min_slope: float
+) -> FloatArray:  # pragma: no cover - compiled
+    """Return the offsets (n, hypotheses) of the strongest extrema of derivatives (n, 2 half + 1) within the
+    range and of at least ``min_slope``; NaN where there are fewer.
+    """
+    n, count = slopes.shape
+    offsets = np.full((n, hypotheses), np.nan)
+    strength = np.empty(hypotheses)
+    for i in range(n):
         strength[:] = 0.0
         for k in range(3, count - 3):
-            s = abs(slope[k])
-            before, after = abs(slope[k - 1]), abs(slope[k + 1])
-            if not (2.0 * s >= min_contrast and s >= before and s > after):
+            s = float(abs(slopes[i, k]))
+            before, after = float(abs(slopes[i, k - 1])), float(abs(slopes[i, k + 1]))
+            if not (s >= min_slope and s >= before and s > after):
                 continue
-            offset = k - half + 0.5 * (before - after) / (before - 2.0 * s + after)
+            offset = k - count // 2 + 0.5 * (before - after) / (before - 2.0 * s + after)
             if abs(offset) > range_px:
                 continue
             for h in range(hypotheses):

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -60,6 +61,17 @@ def test_an_image_without_contrast_has_no_offsets() -> None:
     outputs = measure(np.full((240, 320), 80.0), T_BOX)
     assert len(outputs.points) > 100
     assert np.isnan(outputs.offsets).all()
+
+
+@pytest.mark.parametrize("blur_px", [0.0, 1.0], ids=["independent", "correlated"])
+def test_the_noise_of_a_dark_image_has_no_edges(rng: np.random.Generator, blur_px: float) -> None:
+    noise = rng.normal(20.0, 2.0, (240, 320)).astype(np.float32)
+    image = cv2.GaussianBlur(noise, (0, 0), blur_px) if blur_px else noise
+    outputs = measure(image, T_BOX)
+    assert np.isfinite(outputs.offsets[:, 0]).mean() < 0.15
+    seen = measure(image + image_of(BOX, T_BOX, rng), T_BOX)
+    assert np.isfinite(seen.offsets[:, 0]).mean() > 0.9
+    assert np.median(np.nanmin(np.abs(seen.offsets), axis=1)) < 0.3
 
 
 @pytest.mark.parametrize("position", [[0.0, 0.0, -4.0], [40.0, 0.0, 4.0]], ids=["behind", "beside"])

@@ -283,8 +283,10 @@ def test_colours_that_are_not_used_are_stated(rng: np.random.Generator) -> None:
     assert inverted.quality.reasons == ("region_few_lines:0<20",)
     assert inverted.quality.status is Status.DEGRADED
     shifted = after_three_colour_images(rng, lambda pixels: np.roll(pixels, 8, axis=1))
-    (reason,) = shifted.quality.reasons
-    assert reason.startswith("region_low_agreement:0.")
+    region, edges, orientation = shifted.quality.reasons
+    assert region.startswith("region_low_agreement:0.")
+    assert edges.startswith("low_agreement:0.")
+    assert orientation == "edge_orientation"
     grey = after_three_colour_images(rng, lambda pixels: np.full_like(pixels, 128))
     assert grey.quality.reasons == ("coasting", "region_few_lines:0<20", "few_edges:0<6")
     without = after_three_colour_images(rng, lambda pixels: 255 - pixels, colour=False)
