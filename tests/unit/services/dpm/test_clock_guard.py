@@ -135,6 +135,22 @@ def test_a_clock_that_jumped_while_the_dpm_was_stopped_is_noticed(start: Start, 
         dpm.writer.retire(RULES, apply=True)
 
 
+@pytest.mark.parametrize(("jump_s", "is_accepted"), [(-86_400.0, True), (3599.5, True), (3600.5, False)])
+def test_a_jump_by_up_to_an_hour_while_the_dpm_was_stopped_is_accepted(
+    start: Start, time: Time, jump_s: float, is_accepted: bool
+) -> None:
+    first, second = MissionClock(), MissionClock()
+    tick(first, time.wall_ns(), time)
+    with start(first) as dpm:
+        put(dpm, 1)
+        dpm.writer.clock_guard.update()
+    time.now_s += 1800.0
+    tick(second, time.wall_ns() + int(jump_s * NS_PER_S), time)
+    with start(second) as dpm:
+        reason = dpm.writer.clock_guard.update()
+    assert ("mission time jumped" in reason) == (not is_accepted)
+
+
 def test_a_stop_of_a_mission_on_the_wall_clock_is_no_jump(start: Start, time: Time) -> None:
     with start(MissionClock()) as dpm:
         put(dpm, 5)
