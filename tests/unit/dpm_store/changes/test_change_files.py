@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import errno
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -133,6 +134,40 @@ def test_a_full_disk_leaves_the_uncompressed_file(
     assert "not compressed: [Errno 28]" in caplog.text
     assert {path.suffix for path in tmp_path.iterdir()} == {".changes"}
     assert numbers(tmp_path) == list(range(25))
+
+
+def test_records_are_complete_if_the_system_writes_them_in_pieces(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write = os.pwrite
+    monkeypatch.setattr(os, "pwrite", lambda file, data, start: write(file, data[:70], start))
+    fill(tmp_path, 3)
+    files = ChangeFiles(tmp_path)
+    files.append([record(3), record(4)])
+    assert list(files) == [record(number) for number in range(5)]
+    files.close()
+
+
+def test_of_records_that_do_not_fit_on_the_disk_none_remains(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write = os.pwrite
+
+    def write_until_full(file: int, data: memoryview, start: int) -> int:
+        if start > 150:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return write(file, data[:70], start)
+
+    files = ChangeFiles(tmp_path)
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "pwrite", write_until_full)
+        files.append([record(0)])
+        with pytest.raises(OSError, match="No space left"):
+            files.append([record(1)])
+    assert list(files) == [record(0)]
+    files.append([record(2)])
+    assert list(files) == [record(0), record(2)]
+    files.close()
 
 
 @pytest.mark.usefixtures("small_files")
