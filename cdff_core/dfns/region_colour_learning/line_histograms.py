@@ -69,9 +69,11 @@ class LineHistograms(Interface[LineHistogramsConfig]):
 def _mixed(counts: FloatArray, previous: FloatArray | None, rate: float) -> FloatArray:
     """Return the frequencies of counts (b,), mixed with the previous ones unless these are of no pixel."""
     total = float(counts.sum())
+    if total == 0.0:
+        return counts if previous is None else previous
     if previous is None or not previous.any():
-        return counts / max(total, 1.0)
-    return previous if total == 0.0 else (1.0 - rate) * previous + rate * counts / total
+        return counts / total
+    return (1.0 - rate) * previous + rate * counts / total
 
 
 @njit(cache=True)
