@@ -316,7 +316,7 @@ class ObjectTracks:
         config = self._config
         o.region, o.is_whole, o.is_full_height = -1, False, False
         o.pixel, o.pixel_covariance, o.box = np.full(2, np.nan), np.full((2, 2), np.nan), np.full(4, np.nan)
-        good = match is not None and match.score > config.min_score
+        good = match if match is not None and match.score > config.min_score else None
         regions = scene.regions
         z: tuple[FloatArray, FloatArray] | None = None
         if o.is_designated and self._path_px(o, scene) < config.confirm_path_px:
@@ -332,10 +332,10 @@ class ObjectTracks:
             if whole or o.unlike >= _NEW_SIZE or not o.is_confirmed:
                 z, middle = by_region, None
                 agree = max(_AGREE * float(o.size_px.max()), 1.0)
-                if good and match is not None and np.linalg.norm(match.place - centroid) < agree:
+                if good is not None and np.linalg.norm(good.place - centroid) < agree:
                     offset = np.zeros(2) if o.appearance is None else o.appearance.offset
-                    middle = match.place - match.scale * offset
-                    z = o.anchored(match.place, match.covariance, *by_region)
+                    middle = good.place - good.scale * offset
+                    z = o.anchored(good.place, good.covariance, *by_region)
                 o.region, o.is_whole = region, whole
                 o.learn_centre(centroid)
                 o.resize(size)
@@ -348,9 +348,9 @@ class ObjectTracks:
                 # Partly hidden: the edges in view give the position.
                 z = (visible, regions.covariances[region] + (0.03 * o.size_px.max()) ** 2 * np.eye(2))
                 o.region = region
-            elif good and match is not None:
+            elif good is not None:
                 # Merged with another region: the appearance gives the position.
-                z = (match.place, match.covariance + (0.05 * o.size_px.max()) ** 2 * np.eye(2))
+                z = (good.place, good.covariance + (0.05 * o.size_px.max()) ** 2 * np.eye(2))
                 o.region = region
         elif match is not None and self._is_distinct(o, match) and not self._is_taken(o, match.place):
             z = (match.place, match.covariance + (0.05 * o.size_px.max()) ** 2 * np.eye(2))
@@ -362,7 +362,7 @@ class ObjectTracks:
         if not self._update(o, *z, scene):
             self._miss(o)
             return
-        o.score = match.score if good and match is not None else 0.8
+        o.score = 0.8 if good is None else good.score
         o.hits, o.misses, o.seen_ns = o.hits + 1, 0, scene.stamp_ns
         o.has_departed = o.has_departed or self._path_px(o, scene) > float(o.size_px.max())
         o.parallax_rad += scene.parallax_at(o.pixel) / scene.camera.fx
