@@ -66,7 +66,7 @@ class NormalSearch(Interface[NormalSearchConfig]):
         points, pixels, normals = points[::step], pixels[::step], normals[::step]
         slopes = slopes_along(inputs.image, pixels, normals, math.ceil(inputs.range_px) + 3)
         # Half of a step. Most samples are not on an edge, so that their median is that of noise or texture.
-        noise = median_sigma(slopes[np.isfinite(slopes)])
+        noise = median_sigma(slopes[np.isfinite(slopes)].astype(np.float64))
         min_slope = max(0.5 * cfg.contrast * float(np.ptp(inputs.image)), cfg.min_noise_ratio * noise, 1e-30)
         offsets = strongest_extrema(slopes, inputs.range_px, cfg.hypotheses, min_slope)
         return Outputs(points=points, pixels=pixels, normals=normals, offsets=offsets)
@@ -110,7 +110,9 @@ def slopes_along(
             profile[k] = total / pixels_used if pixels_used else np.nan
         for k in range(2, count - 2):
             # Derivative of a quadratic smoother of five samples.
-            slopes[i, k] = 0.25 * (profile[k + 1] - profile[k - 1]) + 0.125 * (profile[k + 2] - profile[k - 2])
+            slopes[i, k] = 0.25 * (profile[k + 1] - profile[k - 1]) + 0.125 * (
+                profile[k + 2] - profile[k - 2]
+            )
     return slopes
 
 
