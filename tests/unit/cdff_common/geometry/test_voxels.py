@@ -68,6 +68,13 @@ def test_the_edge_gives_the_desired_number_of_voxels_within_a_tenth(target: int,
     np.testing.assert_allclose(means, voxel_means(points, voxel_m), rtol=1e-12)
 
 
+def test_a_deviation_of_exactly_a_tenth_ends_the_search() -> None:
+    points = np.linspace(0.0, 1.0, 1000)[:, None] * [1.0, 0.0, 0.0]
+    first_m = 1.0 / np.sqrt(8.0 * 10)  # edge with which the search starts: 9 voxels on a line
+    assert len(cells(points, first_m)[0]) == 9
+    assert voxel_for(points, 10) == pytest.approx(first_m)
+
+
 def test_no_more_points_than_desired_and_coincident_points_are_not_changed() -> None:
     points = np.random.default_rng(4).normal(size=(20, 3))
     assert voxel_for(points, 20) == 0.0
