@@ -80,6 +80,20 @@ def test_another_scene_has_a_low_correlation() -> None:
     assert align(left=other, right=other).correlation < 0.45
 
 
+def test_pixels_that_are_not_usable_are_not_compared() -> None:
+    """A part of the robot covers the right half of both images."""
+    covered = [view(se3.inverse(MOTION), offset) for offset in (0.0, BASELINE_M)]
+    mask = np.ones((ROWS, COLS), bool)
+    for image in covered:
+        image[:, COLS // 2 :] = image[::-1, COLS // 2 :]
+    mask[:, COLS // 2 :] = False
+    out = align(left=covered[0], right=covered[1], left_mask=mask, right_mask=mask)
+    assert np.linalg.norm(out.motion[:3, 3] - MOTION[:3, 3]) < 0.02
+    assert out.correlation > 0.9
+    assert out.correlation_right > 0.9
+    assert 0.4 < out.overlap < 0.6
+
+
 def test_images_without_disparities_are_refused() -> None:
     with pytest.raises(RefusedError, match="0 pixels"):
         align(disparity=np.full((ROWS, COLS), np.nan, np.float32))
