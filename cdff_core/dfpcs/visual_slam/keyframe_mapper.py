@@ -205,8 +205,10 @@ class KeyframeMapper:
     def _move_to(self, view: CameraView, located_view: LocatedView) -> UncertainTransform | None:
         """Set the pose of the camera; return the motion since the previous image if it is known."""
         keyframes, previous = self.keyframes, self.current
-        increment = UncertainTransform.identity() if previous is None else None
-        if previous is not None and located_view.reference in keyframes.component(previous):
+        increment: UncertainTransform | None = None
+        if previous is None:
+            increment = UncertainTransform.identity()
+        elif located_view.reference in keyframes.component(previous):
             T_reference_previous = (
                 se3.inverse(keyframes.poses[located_view.reference]) @ keyframes.poses[previous]
             )
