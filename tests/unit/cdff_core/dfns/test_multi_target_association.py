@@ -10,7 +10,12 @@ from cdff_core.dfns.multi_target_association.interface import (
     MultiTargetAssociationInputs,
     MultiTargetAssociationOutputs,
 )
-from cdff_core.dfns.multi_target_association.multiple_hypotheses import LOST, MultipleHypotheses
+from cdff_core.dfns.multi_target_association.multiple_hypotheses import (
+    COASTING,
+    CONFIRMED,
+    LOST,
+    MultipleHypotheses,
+)
 
 PIXEL, SIGMA_PX, WIDTH = 2e-4, 0.13, 300.0
 T0_NS = 1_700_000_000_000_000_000
@@ -172,6 +177,18 @@ def test_an_object_is_lost_when_its_largest_standard_deviation_exceeds_the_limit
         steps = [fixed_pixel_step(sky, k, -9.0, sigma_x_px) for k in range(12)]
         lost.append(any((out.states == LOST).any() for out in steps))
     assert lost == [False, True]
+
+
+@pytest.mark.parametrize(("hits", "is_lost"), [(7, True), (9, True), (10, False)])
+def test_a_brief_object_is_lost_after_more_than_twice_as_many_images_without_a_source(
+    hits: int, is_lost: bool
+) -> None:
+    sky = Sky(seed=9, stars=0, false=0.0)
+    for k in range(hits):
+        out = sky.step(k, line(k))
+    assert out.states.tolist() == [CONFIRMED]
+    states = [int(sky.step(hits + k, np.zeros((0, 2))).states[0]) for k in range(2 * hits + 1)]
+    assert states == [COASTING] * 2 * hits + [LOST if is_lost else COASTING]
 
 
 def fixed_pixel_step(
