@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import math
 
+import cv2
 import numpy as np
 from numba import njit
 from pydantic import Field
@@ -17,6 +18,12 @@ from cdff_common.interfaces.dfn import DfnConfig
 from cdff_core.dfns.model_edge_measurement.interface import Inputs, Interface, Outputs
 from cdff_core.object_models.mesh_edges import MeshEdges, mesh_edges, visible_edge_points
 from cdff_core.object_models.rendering import Window
+
+#: Weights of five samples whose sum is the slope, and of the mean of three lines.
+_SLOPE = np.array([-0.125, -0.25, 0.0, 0.25, 0.125], np.float32)
+_MEAN = np.full(3, 1.0 / 3.0, np.float32)
+#: Distance from the control points in which the noise is estimated, px, and step of its rows and columns.
+_AROUND_PX, _NOISE_STEP = 20.0, 3
 
 
 class NormalSearchConfig(DfnConfig):
@@ -30,10 +37,10 @@ class NormalSearchConfig(DfnConfig):
         0.02, gt=0, lt=1, description="Step of an image edge, relative to the range of grey values"
     )
     min_noise_ratio: float = Field(
-        4.0,
+        3.0,
         ge=0,
         le=100,
-        description="Step of an image edge, relative to the standard deviation of the steps on all normals",
+        description="Step of an image edge, relative to the standard deviation of steps around the body",
     )
 
 
@@ -65,8 +72,8 @@ class NormalSearch(Interface[NormalSearchConfig]):
         step = -(-len(points) // cfg.max_points)
         points, pixels, normals = points[::step], pixels[::step], normals[::step]
         slopes = slopes_along(inputs.image, pixels, normals, math.ceil(inputs.range_px) + 3)
-        # Half of a step. Most samples are not on an edge, so that their median is that of noise or texture.
-        noise = median_sigma(slopes[np.isfinite(slopes)].astype(np.float64))
+        noise = _slope_noise(_part(inputs.image, pixels, _AROUND_PX + inputs.range_px))
+        # The slope is half of the step.
         min_slope = max(0.5 * cfg.contrast * float(np.ptp(inputs.image)), cfg.min_noise_ratio * noise, 1e-30)
         offsets = strongest_extrema(slopes, inputs.range_px, cfg.hypotheses, min_slope)
         return Outputs(points=points, pixels=pixels, normals=normals, offsets=offsets)
@@ -79,6 +86,25 @@ class NormalSearch(Interface[NormalSearchConfig]):
             self._edges = mesh_edges(inputs.vertices, inputs.triangles, crease_rad)
             self._mesh = mesh
         return self._edges
+
+
+def _part(image: Float32Array, pixels: FloatArray, margin_px: float) -> Float32Array:
+    """Return the part of an image around pixels (n, 2), column and row."""
+    low = np.maximum(pixels.min(axis=0) - margin_px, 0.0).astype(int)
+    high = np.ceil(pixels.max(axis=0) + margin_px).astype(int) + 1
+    return np.ascontiguousarray(image[low[1] : high[1], low[0] : high[0]])
+
+
+def _slope_noise(image: Float32Array) -> float:
+    """Return the standard deviation of slopes as those of ``slopes_along`` in an image, along its rows and
+    columns, from their median: few pixels are on edges.
+    """
+    slopes = [
+        cv2.sepFilter2D(image, cv2.CV_32F, *kernels)[2:-2:_NOISE_STEP, 2:-2:_NOISE_STEP].ravel()
+        for kernels in ((_SLOPE, _MEAN), (_MEAN, _SLOPE))
+    ]
+    samples = np.concatenate(slopes).astype(np.float64)
+    return median_sigma(samples) if len(samples) else 0.0
 
 
 @njit(cache=True)
@@ -109,7 +135,7 @@ def slopes_along(
                 pixels_used += 1
             profile[k] = total / pixels_used if pixels_used else np.nan
         for k in range(2, count - 2):
-            # Derivative of a quadratic smoother of five samples.
+            # Derivative of a quadratic smoother of five samples, as _SLOPE.
             slopes[i, k] = 0.25 * (profile[k + 1] - profile[k - 1]) + 0.125 * (
                 profile[k + 2] - profile[k - 2]
             )
