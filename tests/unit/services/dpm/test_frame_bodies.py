@@ -11,6 +11,7 @@ import pytest
 
 from cdff_common.contract.limits import LATEST_NS
 from cdff_common.errors import InputError
+from dpm_store.frames.frames import FARTHEST_FRAME_M
 from services.dpm.queries.bodies import FrameRevisionBody, NewAnchor, parse_revision
 
 EDGE: dict[str, Any] = {"frame": "mana/odom", "parent": "site", "T": np.eye(4).tolist()}
@@ -27,6 +28,20 @@ def test_the_start_of_validity_is_exact_to_the_nanosecond(stamp_ns: int) -> None
 def test_an_invalid_body_is_refused_with_the_name_of_the_field(change: dict[str, Any]) -> None:
     with pytest.raises(InputError, match=next(iter(change))):
         FrameRevisionBody.parse({**EDGE, **change})
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_an_edge_is_accepted_up_to_the_largest_distance(sign: float) -> None:
+    def x_m(value: float) -> float:
+        T = np.eye(4)
+        T[0, 3] = sign * value
+        return float(FrameRevisionBody.parse({**EDGE, "T": T.tolist()}).transform().matrix[0, 3])
+
+    assert x_m(FARTHEST_FRAME_M) == sign * FARTHEST_FRAME_M
+    with pytest.raises(InputError, match=r"T: a number of 1.1e\+12, expected at most 1e\+12 m"):
+        x_m(1.1 * FARTHEST_FRAME_M)
+    with pytest.raises(InputError, match="expected a finite number"):
+        x_m(np.nan)
 
 
 ANCHOR: dict[str, Any] = {"body": "mars", "lon_deg": 77.0, "lat_deg": 18.0}
