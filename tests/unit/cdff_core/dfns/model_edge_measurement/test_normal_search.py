@@ -16,7 +16,7 @@ from cdff_core.dfns.model_edge_measurement.interface import (
     ModelEdgeMeasurementInputs,
     ModelEdgeMeasurementOutputs,
 )
-from cdff_core.dfns.model_edge_measurement.normal_search import NormalSearch
+from cdff_core.dfns.model_edge_measurement.normal_search import NormalSearch, slopes_along
 from tests.support import satellite
 from tests.support.satellite_images import CAMERA_MATRIX, image_of
 
@@ -72,6 +72,24 @@ def test_the_noise_of_a_dark_image_has_no_edges(rng: np.random.Generator, blur_p
     seen = measure(image + image_of(BOX, T_BOX, rng), T_BOX)
     assert np.isfinite(seen.offsets[:, 0]).mean() > 0.9
     assert np.median(np.nanmin(np.abs(seen.offsets), axis=1)) < 0.3
+
+
+def test_the_slopes_of_a_linear_image_are_its_gradient_along_the_normals() -> None:
+    rows, columns = np.mgrid[0:60, 0:80]
+    image = (3.0 * columns - 2.0 * rows).astype(np.float32)
+    angles_rad = np.linspace(0.0, 6.0, 8)
+    normals = np.column_stack([np.cos(angles_rad), np.sin(angles_rad)])
+    slopes = slopes_along(image, np.full((8, 2), [40.3, 30.6]), normals, 6)
+    np.testing.assert_allclose(slopes[:, 2:-2], np.tile((normals @ [3.0, -2.0])[:, None], 9), atol=1e-3)
+    np.testing.assert_array_equal(slopes[:, [0, 1, -2, -1]], 0.0)
+
+
+def test_the_slopes_of_a_quadratic_image_are_its_derivatives_and_end_at_the_border() -> None:
+    image = np.tile(np.arange(80.0, dtype=np.float32) ** 2, (60, 1))
+    (slopes,) = slopes_along(image, np.array([[74.0, 30.0]]), np.array([[1.0, 0.0]]), 9)
+    # Columns 65 to 83; the last one that interpolation between two pixels reaches is 78.
+    np.testing.assert_allclose(slopes[2:12], 2.0 * np.arange(67.0, 77.0), rtol=1e-5)
+    assert np.isnan(slopes[12:17]).all()
 
 
 @pytest.mark.parametrize("position", [[0.0, 0.0, -4.0], [40.0, 0.0, 4.0]], ids=["behind", "beside"])
