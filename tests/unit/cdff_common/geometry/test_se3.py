@@ -39,6 +39,13 @@ def test_quaternion_round_trip_keeps_the_rotation_and_w_is_not_negative(phi: np.
     assert np.allclose(se3.matrix_from_quaternion_xyzw(q), R, atol=1e-12)
 
 
+@given(angles)
+def test_a_quaternion_and_its_negative_have_the_same_rotation_vector(phi: np.ndarray) -> None:
+    q = se3.quaternion_xyzw_from_matrix(se3.exp_so3(phi))
+    for quaternion in (q, -q):
+        assert np.allclose(se3.rotation_vector_from_quaternion_xyzw(quaternion), phi, atol=1e-9)
+
+
 def test_rotations_by_180_degrees_survive_the_quaternion() -> None:
     for axis in np.eye(3):
         R = se3.exp_so3(np.pi * axis)
