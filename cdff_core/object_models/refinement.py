@@ -39,6 +39,11 @@ _TEMPERATURE = 2.0
 _OUTLINE_RAYS = 200
 #: A hypothesis is not refined if its cost exceeds the smallest cost by more than this.
 _HOPELESS = 60.0
+#: Further difference for half turns, which are not yet aligned, relative to the smallest cost.
+_TURNED = 0.25
+#: Searches of the best pose and of its half turns, decrease of the cost after which they are repeated, and
+#: cost of a ray above which the best pose itself is searched again.
+_TURN_ROUNDS, _IMPROVEMENT, _POOR = 4, 2.0, 1.25
 #: Rays that must meet the model for an estimate of the noise.
 _MIN_RESIDUALS = 10
 _REGISTRATION_STEPS, _SIGMAS, _MIN_SCALE = 4, 3.0, 0.015
@@ -105,7 +110,29 @@ class PoseRefiner:
         costs = likelihood(self._view, *self._mesh, poses, self._sigma_m).cost
         rows = distinct(poses, np.argsort(costs, kind="stable"), count)
         refined_poses = [self._search(poses[row]) for row in rows if costs[row] < costs[rows[0]] + _HOPELESS]
+        for _ in range(_TURN_ROUNDS):
+            best = min(refined_poses, key=lambda refined: refined.cost)
+            is_poor = best.cost > _POOR * len(self._view.points_m)
+            starts = [*self._half_turns(best), *([best.T] if is_poor else [])]
+            refined_poses += [self._search(T) for T in starts]
+            if min(refined.cost for refined in refined_poses) > best.cost - _IMPROVEMENT:
+                break
         return sorted(refined_poses, key=lambda refined: refined.cost)
+
+    def _half_turns(self, best: Refined) -> list[FloatArray]:
+        """Return the poses half a turn about the principal axes of the model that may explain the scan.
+
+        The search does not always find them, and the scan of a plate or of a box does not exclude them.
+        """
+        mean_m = self._surface.points_m.mean(axis=0)
+        offsets = self._surface.points_m - mean_m
+        _, axes = np.linalg.eigh(offsets.T @ offsets)
+        R = se3.exp_so3(np.pi * axes.T)
+        poses = np.concatenate([best.T @ se3.transform(R, p - R @ p) for p in (mean_m, self._centre_m)])
+        costs = likelihood(self._view, *self._mesh, poses, self._sigma_m).cost
+        # The better centre for each axis.
+        rows = np.argmin(costs.reshape(2, 3), axis=0) * 3 + np.arange(3)
+        return list(poses[rows[costs[rows] < (1.0 + _TURNED) * best.cost + _HOPELESS]])
 
     def estimate_noise(self, poses: FloatArray, least_m: float) -> float:
         """Reduce the noise to that of the range residuals at the best of poses T_view_model (k, 4, 4);

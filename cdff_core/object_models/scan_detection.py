@@ -27,6 +27,8 @@ from cdff_core.object_models.scan_parts import range_noise
 _MAX_SIZE, _MIN_SIGMA, _MAX_SIGMA = 1.6, 2e-4, 0.05
 #: Ratio of the extents of scan and model above which a wrong unit is the likely reason.
 _WRONG_UNIT = 50.0
+#: Difference of the cost that can remain after a search, relative to the cost.
+_UNCONVERGED = 0.02
 #: Poses closer than this, in rad and diameters of the model, are the same.
 _SAME_RAD, _SAME = 0.2, 0.1
 
@@ -149,8 +151,9 @@ class ScanDetector:
     def _alternatives(self, model: ModelPreparationOutputs, refined: ModelPoseRefinementOutputs) -> list[int]:
         """Return the rows of the best pose and of others that explain the scan nearly as well."""
         rows = [0]
+        limit = max(self._limits.ambiguity, _UNCONVERGED * refined.costs[0])
         for i in range(1, len(refined.poses)):
-            if refined.costs[i] - refined.costs[0] > self._limits.ambiguity:
+            if refined.costs[i] - refined.costs[0] > limit:
                 continue
             if not any(are_equivalent(model, refined.poses[i], refined.poses[k]) for k in rows):
                 rows.append(i)

@@ -163,6 +163,23 @@ def test_a_cube_has_a_set_of_equal_poses(rng: np.random.Generator) -> None:
     assert errors(detection, T)[0] < 1.0
 
 
+def test_a_plate_that_is_nearly_symmetric_has_alternatives_half_a_turn_apart(rng: np.random.Generator) -> None:
+    # The bracket on the back makes the turns different; a scan of the front does not show it.
+    plate = satellite.merged(
+        satellite.box((1.3, 0.5, 0.02)), satellite.box((0.12, 0.12, 0.06), (0.4, 0.12, 0.04))
+    )
+    dfpc = make_dfpc()
+    list(dfpc.step(model(plate)))
+    T = se3.transform(se3.exp_so3([0.2, -0.15, 0.3]), [0.1, -0.2, 6.0])
+    output = detect(dfpc, satellite.scan(plate, T, rng=rng, pixels=64, field_deg=14.0, sigma_m=0.01))
+    assert output.quality.status is Status.DEGRADED
+    assert output.quality.reasons[0].startswith("ambiguous:")
+    poses = [detection.pose.transform.matrix for detection in output.value.detections]
+    angles_deg = [float(np.degrees(se3.rotation_angle(P[:3, :3].T @ T[:3, :3]))) for P in poses]
+    assert min(angles_deg) < 2.0
+    assert max(angles_deg) > 178.0
+
+
 @pytest.mark.parametrize("body", ["box", "cylinder"])
 def test_another_body_is_refused(client: Dfpc, rng: np.random.Generator, body: str) -> None:
     mesh = satellite.box((1.0, 0.5, 0.8)) if body == "box" else satellite.cylinder(0.4, 1.1)
