@@ -163,7 +163,9 @@ def test_a_cube_has_a_set_of_equal_poses(rng: np.random.Generator) -> None:
     assert errors(detection, T)[0] < 1.0
 
 
-def test_a_plate_that_is_nearly_symmetric_has_alternatives_half_a_turn_apart(rng: np.random.Generator) -> None:
+def test_a_plate_that_is_nearly_symmetric_has_alternatives_half_a_turn_apart(
+    rng: np.random.Generator,
+) -> None:
     # The bracket on the back makes the turns different; a scan of the front does not show it.
     plate = satellite.merged(
         satellite.box((1.3, 0.5, 0.02)), satellite.box((0.12, 0.12, 0.06), (0.4, 0.12, 0.04))
