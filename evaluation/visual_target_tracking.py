@@ -9,6 +9,7 @@ used images; errors of published predictions are separate. ``principal_point``: 
 measured depth and that of the mesh at the true poses, for two principal points. ``comet``: photographs of
 comet 67P, with and without the direction to the Sun (``evaluation.scenes.comet_images``). ``spacecraft``:
 single photographs of a satellite mock-up, each from wrong starts (``evaluation.scenes.spacecraft_images``).
+``client``: the stereo pair of DLR's client (``evaluation.scenes.client_pair``).
 """
 
 from __future__ import annotations
@@ -27,10 +28,11 @@ from cdff_common.geometry.covariance import pose_error
 from cdff_common.interfaces.dfpc import Sample
 from cdff_common.interfaces.registry import Registry
 from cdff_common.types import DistanceImage, Frame, Mesh, Time, TransformWithCovariance
+from evaluation.scenes.client_pair import client_figures, client_table
 from evaluation.scenes.comet_images import comet_rows, comet_summary, comet_table
 from evaluation.scenes.spacecraft_images import spacecraft_rows, spacecraft_summary, spacecraft_table
 
-PARTS = ("starts", "disturbed", "depth", "file_camera", "principal_point", "comet", "spacecraft")
+PARTS = ("starts", "disturbed", "depth", "file_camera", "principal_point", "comet", "spacecraft", "client")
 FOLDER, COMET = "visp_castle", "rosetta_67p"
 #: Camera of the files, px. Its origin is the corner of the first pixel, as ``principal_point`` shows; that of
 #: CDFF is the centre of the first pixel.
@@ -89,6 +91,9 @@ def evaluate(data: Path, progress: Callable[[str], None], parts: Sequence[str] =
             )
     if "spacecraft" in parts:
         figures["spacecraft"] = {"defaults": spacecraft_summary(spacecraft_rows(data, progress))}
+    if "client" in parts:
+        progress("visual_target_tracking: client")
+        figures["client"] = client_figures(data)
     return figures
 
 
@@ -288,6 +293,8 @@ def table(figures: dict[str, Any]) -> str:
         lines += ["", *comet_table(figures["comet"])]
     if "spacecraft" in figures:
         lines += ["", *spacecraft_table(figures["spacecraft"])]
+    if "client" in figures:
+        lines += ["", *client_table(figures["client"])]
     return "\n".join(lines)
 
 
