@@ -42,6 +42,7 @@ def test_a_region_survives_a_round_trip(text: str) -> None:
         "polygon:0,0,1,1",
         "polygon:0,0,1,1,2",
         "polygon:0,0,1,1,2,2",
+        "polygon:0,0,4,0,0,4,1",
         "near:Mana,3",
         "near:mana/base",
         "near:mana/base,0",
