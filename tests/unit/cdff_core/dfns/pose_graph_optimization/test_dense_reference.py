@@ -107,6 +107,18 @@ def test_the_cost_is_the_weighted_sum_and_one_iteration_is_a_full_step() -> None
     assert (solution.iterations, solution.converged) == (1, False)
 
 
+def test_the_iterations_of_a_converged_solution_are_those_that_it_needs() -> None:
+    graph = make_graph(seed=2, noise=0.02)
+    problem, poses = make_problem(graph), graph.vertices.matrices
+    solution = minimise(problem, poses, WEIGHTS, 100, 0.0)
+    assert solution.converged
+    assert solution.iterations < 100
+    needed = minimise(problem, poses, WEIGHTS, solution.iterations, 0.0)
+    assert needed.converged
+    np.testing.assert_array_equal(needed.poses, solution.poses)
+    assert not minimise(problem, poses, WEIGHTS, solution.iterations - 1, 0.0).converged
+
+
 def solve(graph: PoseGraph, **config: Any) -> Any:
     node = Registry.default().make_dfn("pose_graph_optimization")
     node.configure(config)
