@@ -97,6 +97,25 @@ def test_sources_without_a_star_have_no_index_and_no_direction(
     np.testing.assert_allclose(result.star_directions[is_matched], expected, atol=1e-12)
 
 
+def test_the_directions_of_stars_are_those_at_the_time_of_each_image() -> None:
+    dfn = PairVerification()
+    dfn.configure()
+    R = pointing(120.0, -40.0, 77.0)
+    directions, _ = seen_stars(R, np.random.default_rng(4))
+    for stamp_ns in (T0_NS, T0_NS + 20 * 31_557_600 * 10**9):
+        inputs = StarIdentificationInputs(
+            directions=directions,
+            sigmas=np.full(len(directions), 3e-5),
+            stamp=stamp_ns,
+            attitude=R,
+            attitude_sigma=1e-3,
+        )
+        result = dfn.process(inputs)
+        is_matched = result.stars >= 0
+        expected = load_catalogue().at(stamp_ns).directions[result.stars[is_matched]]
+        np.testing.assert_allclose(result.star_directions[is_matched], expected, atol=1e-9)
+
+
 def test_errors_of_focal_length_and_distortion_are_measured(
     identify: Callable[..., StarIdentificationOutputs],
 ) -> None:
