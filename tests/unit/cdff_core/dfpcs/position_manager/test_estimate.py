@@ -49,14 +49,19 @@ def dfn(slot: str):  # type: ignore[no-untyped-def]
 
 
 def estimate_after_fix(
-    estimate: Estimate, covariance: np.ndarray, weighting: str, T_site_map: np.ndarray
+    estimate: Estimate,
+    covariance: np.ndarray,
+    weighting: str,
+    T_site_map: np.ndarray,
+    displacement_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> Estimate:
-    """Return the estimate after a fix at the estimated pose in the frame of a map."""
+    """Return the estimate after a fix in the frame of a map, displaced from the estimated pose."""
     graph = FrameGraph()
     graph.set_static("site", "site/map", UncertainTransform(T_site_map))
     config = PositionManagerConfig(fixes={"weighting": weighting})  # type: ignore[arg-type]
     estimator = Estimator(config, dfn, ImuBuffer(1), RobotFrames("mana", graph, ""))
-    measured = UncertainTransform(se3.inverse(T_site_map) @ estimate.pose, covariance)
+    T_site_base = se3.transform(estimate.pose[:3, :3], estimate.pose[:3, 3] + displacement_m)
+    measured = UncertainTransform(se3.inverse(T_site_map) @ T_site_base, covariance)
     fix = Measurement(estimate.stamp_ns, "fix", measured, "site/map", "mana/base")
     after, result = estimator.update(estimate, fix)
     assert result.used
@@ -159,6 +164,18 @@ def test_the_covariance_of_a_fix_is_rotated_from_its_frame(weighting: str) -> No
     after = estimate_after_fix(start, precise_along_x, weighting, T_site_map)
     assert after.covariance[1, 1] < 1e-3, "the x axis of the map is the y axis of the site"
     assert after.covariance[0, 0] > 0.5
+
+
+@pytest.mark.parametrize("weighting", ["kalman", "intersection"])
+def test_the_covariance_after_a_fix_does_not_depend_on_the_measured_position(weighting: str) -> None:
+    start = Estimate.at_start(0, UncertainTransform(np.eye(4), np.eye(6)), 1.0, np.zeros(6), np.ones(9))
+    agreeing, displaced = (
+        estimate_after_fix(start, 0.5 * np.eye(6), weighting, np.eye(4), displacement_m)
+        for displacement_m in ((0.0, 0.0, 0.0), (1.0, -0.5, 0.2))
+    )
+    assert displaced.pose[0, 3] > agreeing.pose[0, 3] + 0.5
+    np.testing.assert_allclose(displaced.covariance, agreeing.covariance, atol=1e-12)
+    np.testing.assert_allclose(displaced.cross_covariance, agreeing.cross_covariance, atol=1e-12)
 
 
 def test_an_intersected_fix_leaves_a_valid_joint_covariance() -> None:
