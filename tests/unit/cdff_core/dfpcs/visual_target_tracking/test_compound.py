@@ -19,6 +19,8 @@ from cdff_common.interfaces.product import Status
 from cdff_common.interfaces.registry import Registry
 from cdff_common.types import DistanceImage, Frame, Mesh, Time, TransformWithCovariance, Vector3d
 from cdff_core.object_models.rendering import Window, render
+from cdff_core.object_models.shading_fit import ShadingFit
+from cdff_core.object_models.tracked_state import TrackedState
 from tests.support import coloured_boxes, satellite
 from tests.support.satellite_images import CAMERA_MATRIX, image_of
 from tests.support.sunlit_images import sunlit
@@ -351,3 +353,30 @@ def test_a_direction_of_the_sun_that_is_none_is_refused(direction: list[float]) 
     dfpc = make_dfpc(truth(0.0))
     with pytest.raises(InputError, match="expected a finite direction"):
         list(dfpc.step(Sample("sun", 0, 0, Vector3d(values=np.array(direction)))))
+
+
+@pytest.mark.parametrize(
+    ("agreement", "correlation", "distance", "reason"),
+    [
+        (0.4, 0.9, 0.0, "shading_low_agreement:0.40<0.5"),
+        (0.9, 0.5, 0.0, "low_correlation:0.50<0.6"),
+        (0.9, np.nan, 0.0, "low_correlation:nan<0.6"),
+        (0.9, 0.9, 1e9, "shading_innovation:1e+09>"),
+    ],
+)
+def test_the_reason_why_the_light_of_the_sun_is_not_used_is_stated(
+    monkeypatch: pytest.MonkeyPatch,
+    rng: np.random.Generator,
+    agreement: float,
+    correlation: float,
+    distance: float,
+    reason: str,
+) -> None:
+    def fit(model: object, predicted: TrackedState, *_: object) -> ShadingFit:
+        return ShadingFit(predicted, distance, agreement, 30, correlation)
+
+    dfpc = make_dfpc(truth(0.0))
+    list(dfpc.step(Sample("sun", 0, 0, Vector3d(values=np.array([0.0, 0.0, -1.0])))))
+    monkeypatch.setattr(dfpc._shading, "fit", fit)
+    pose, _ = step(dfpc, image(0.0, image_of(BODY, truth(0.0), rng)))
+    assert any(stated.startswith(reason) for stated in pose.quality.reasons), pose.quality.reasons
