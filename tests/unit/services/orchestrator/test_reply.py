@@ -7,13 +7,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cdff_common.errors import UnavailableError
+from cdff_common.errors import InputError, UnavailableError
 from cdff_common.geometry import UncertainTransform, se3
-from cdff_common.types import PoseTrajectory
+from cdff_common.interfaces.product import Quality
+from cdff_common.types import PoseTrajectory, TransformWithCovariance
 from cdff_core.orchestration.acceptance import ProductCandidate
 from cdff_core.orchestration.request import parse_request
 from services.orchestrator.product_finder import ProductMatch
-from services.orchestrator.reply import converted
+from services.orchestrator.reply import ConvertedProduct, converted, derived_header
 
 S = 1_000_000_000
 
@@ -37,3 +38,16 @@ def test_a_trajectory_is_moved_only_between_frames_at_rest(moved_m: float, is_st
     else:
         with pytest.raises(UnavailableError, match="ask for frame=mana/odom"):
             converted(request, match, lookup)
+
+
+def test_a_pose_of_the_frame_tree_has_a_header_without_inputs_at_its_time() -> None:
+    T = UncertainTransform(np.eye(4))
+    pose = TransformWithCovariance.from_transform(T, parent="site", child="mana/base", stamp_ns=2 * S)
+    match = ProductMatch(ProductCandidate("t", "mana", 2 * S, 2 * S), (), T, "site", child="mana/base")
+    product = ConvertedProduct(pose, "TransformWithCovariance", "site", "mana/base")
+    parameters = {"type": "pose", "robot": "mana", "frame": "site", "child": "mana/base"}
+    header = derived_header(parse_request({**parameters, "t": str(2 * S)}, "mana"), match, product)
+    assert (header.t0_ns, header.t1_ns) == (2 * S, 2 * S)
+    assert (header.inputs, header.quality) == ((), Quality())
+    with pytest.raises(InputError, match="nothing to derive a header from"):
+        derived_header(parse_request(parameters, "mana"), match, product)
