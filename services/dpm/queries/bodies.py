@@ -20,11 +20,10 @@ from dpm_store.frames.frames import FARTHEST_FRAME_M
 from dpm_store.products.records import NAMES
 
 BodyName = Annotated[str, Field(pattern=rf"^{NAME}$")]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
 _Row4 = Annotated[list[float], Field(min_length=4, max_length=4)]
 _Row6 = Annotated[list[float], Field(min_length=6, max_length=6)]
-_Azimuth = Annotated[float, Field(ge=-360, le=360, allow_inf_nan=False)]
-_Sigma = Annotated[float, Field(ge=0, le=1e9, allow_inf_nan=False)]
+_Azimuth = Annotated[float, Field(ge=-360, le=360)]
+_Sigma = Annotated[float, Field(ge=0, le=1e9)]
 T = TypeVar("T")
 
 
@@ -89,8 +88,8 @@ class NewAnchor(Parameters):
 
     body: BodyName
     lon_deg: _Azimuth
-    lat_deg: Annotated[float, Field(ge=-90, le=90, allow_inf_nan=False)]
-    height_m: Finite = 0.0
+    lat_deg: Annotated[float, Field(ge=-90, le=90)]
+    height_m: float = 0.0
     azimuth_deg: _Azimuth = 0.0
     sigma_m: _Sigma = 0.0
     sigma_deg: _Sigma = 0.0

@@ -13,10 +13,11 @@ from cdff_common.contract.queries import HistoryViewParameters
 from services.dpm.http.context import Ctx, jsonable
 from services.dpm.http.middleware.roles import allowed
 from services.dpm.http.native_models import FrameRevision, Items
-from services.dpm.queries.bodies import BodyName, Finite, NewAnchor
+from services.dpm.queries.bodies import BodyName, NewAnchor
 from services.dpm.queries.store_queries import history_view
 
 router = APIRouter(prefix="/api/v1", tags=["bodies"])
+_Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
 class Body(BaseModel):
@@ -27,7 +28,7 @@ class Body(BaseModel):
     name: BodyName
     kind: Literal["star", "planet", "dwarf_planet", "moon", "asteroid", "comet", "target"]
     naif_id: Annotated[int | None, Field(ge=-(1 << 31), lt=1 << 31)] = None
-    radii_m: Annotated[list[Finite], Field(min_length=3, max_length=3)] | None = None
+    radii_m: Annotated[list[_Finite], Field(min_length=3, max_length=3)] | None = None
     crs: Annotated[str | None, Field(max_length=20_000, description="authority:code, WKT2 or PROJJSON")] = (
         None
     )
