@@ -94,8 +94,6 @@ class CliqueGnc(Interface[CliqueGncConfig]):
 
     def _maximum_clique(self, source: FloatArray, target: FloatArray, noise_m: float) -> IntArray:
         """Return the rows of the maximum clique."""
-        if len(source) < 2:
-            return np.zeros(0, np.int64)
         bits, degree = _consistency(source, target, noise_m)
         clique, _ = maximum_clique(bits, degree, _MAX_WORK)
         return clique

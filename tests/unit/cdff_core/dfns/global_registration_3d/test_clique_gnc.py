@@ -109,8 +109,14 @@ def test_random_pairs_are_refused() -> None:
     with pytest.raises(RefusedError) as refused:
         solve(source, target, least_inliers=8)
     assert refused.value.reasons[0].startswith("too_few_consistent")
-    with pytest.raises(RefusedError):
-        solve(np.zeros((0, 3)), np.zeros((0, 3)))
+
+
+@pytest.mark.parametrize("count", [0, 1, 2])
+def test_fewer_than_three_pairs_are_refused_with_their_number(count: int) -> None:
+    points = np.eye(3)[:count]
+    with pytest.raises(RefusedError, match=f"{count} of {count} pairs agree") as refused:
+        solve(points, points, least_inliers=3)
+    assert refused.value.reasons == (f"too_few_consistent:{count}<3",)
 
 
 def test_collinear_pairs_are_refused_as_degenerate(rng: np.random.Generator) -> None:
