@@ -65,10 +65,8 @@ class NormalSearch(Interface[NormalSearchConfig]):
             edges, inputs.vertices, inputs.triangles, T_camera_model, camera, cfg.spacing_px
         )
         if not len(points):
-            nothing = np.zeros((0, 2))
-            return Outputs(
-                points=points, pixels=nothing, normals=nothing, offsets=np.zeros((0, cfg.hypotheses))
-            )
+            offsets = np.zeros((0, cfg.hypotheses))
+            return Outputs(points=points, pixels=pixels, normals=normals, offsets=offsets)
         step = -(-len(points) // cfg.max_points)
         points, pixels, normals = points[::step], pixels[::step], normals[::step]
         slopes = slopes_along(inputs.image, pixels, normals, math.ceil(inputs.range_px) + 3)

@@ -96,6 +96,7 @@ def test_the_slopes_of_a_quadratic_image_are_its_derivatives_and_end_at_the_bord
 def test_a_body_out_of_view_has_no_control_points(position: list[float]) -> None:
     outputs = measure(np.zeros((240, 320)), se3.transform(np.eye(3), position))
     assert outputs.points.shape == (0, 3)
+    assert outputs.pixels.shape == outputs.normals.shape == (0, 2)
     assert outputs.offsets.shape == (0, 4)
 
 
