@@ -123,6 +123,7 @@ def spacecraft_summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
     right = [row for row in rows if _is_right(row)]
     far = [row for row in rows if not row.get("deg", np.inf) <= FAR_DEG]
     worse = [row for row in rows if _is_worse(row)]
+    nees = [row["nees"] for row in rows if "nees" in row]
     by_seed = [sum(row["seed"] == seed for row in right) for seed in range(SEEDS)]
     return {
         "images": len(rows) // SEEDS,
@@ -134,7 +135,7 @@ def spacecraft_summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
         "far_flagged": sum(bool(row["reasons"]) or "deg" not in row for row in far),
         "worse": len(worse),
         "worse_flagged": sum(bool(row["reasons"]) for row in worse),
-        "median_nees": float(f"{np.median([row['nees'] for row in rows if 'nees' in row]):.3g}"),
+        "median_nees": float(f"{np.median(nees):.3g}") if nees else None,
         "median_cpu_ms": float(f"{1e3 * np.median([row['cpu_s'] for row in rows]):.3g}"),
         "rows": rows,
     }
@@ -161,6 +162,6 @@ def spacecraft_table(figures: Mapping[str, Any]) -> list[str]:
         lines.append(
             f"| {name} | {row['right_median']:g} of {row['images']} | "
             f"{row['right_and_ok']} of {row['right']} | {row['far_flagged']} of {row['far']} | "
-            f"{row['worse_flagged']} of {row['worse']} | {row['median_nees']:g} | {row['median_cpu_ms']} |"
+            f"{row['worse_flagged']} of {row['worse']} | {row['median_nees']} | {row['median_cpu_ms']} |"
         )
     return lines

@@ -61,6 +61,7 @@ def test_results_are_counted_and_a_missing_pose_is_far_and_flagged() -> None:
     assert (figures["right"], figures["right_and_ok"]) == (2, 1)
     assert (figures["far"], figures["far_flagged"]) == (3, 2)
     assert (figures["worse"], figures["worse_flagged"]) == (3, 1)
-    assert "| defaults | 1 of 2 | 1 of 2 | 2 of 3 | 1 of 3 | 20.0 |" in spacecraft_table(
+    assert figures["median_nees"] is None
+    assert "| defaults | 1 of 2 | 1 of 2 | 2 of 3 | 1 of 3 | None | 20.0 |" in spacecraft_table(
         {"defaults": figures}
     )
