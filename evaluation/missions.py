@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Run each shipped mission of rovers once with ``cdff mission NAME --json``, on simulated terrain.
+"""Scores of the shipped rover missions: ``cdff mission NAME --json`` runs each once on simulated terrain.
 
 The results are those of one run, not a mean: guided missions differ from run to run, because the time of
 each reply depends on the machine.

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Poses around a pose, in standard deviations of its covariance."""
+"""Parametrisation of the poses around a pose by standard deviations of its covariance."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from cdff_common.geometry.covariance import symmetrised
 
 
 class PoseChange:
-    """Poses around a pose, by vectors whose components are standard deviations of a covariance.
+    """Poses that differ from a pose by vectors with unit covariance.
 
     Parameters
     ----------
     T : ndarray, shape (4, 4)
         T_view_model.
     centre_m : ndarray, shape (3,)
-        Point of the model about which it is rotated.
+        Point of the model about which the model is rotated.
     covariance : ndarray, shape (6, 6)
-        [x y z rx ry rz] in the frame of the view.
+        [x y z rx ry rz] in the frame of the view, m2 and rad2.
     """
 
     def __init__(self, T: FloatArray, centre_m: FloatArray, covariance: FloatArray) -> None:
@@ -29,7 +29,7 @@ class PoseChange:
         self._root = np.linalg.cholesky(symmetrised(covariance))
 
     def poses(self, vectors: FloatArray) -> FloatArray:
-        """Return the poses (k, 4, 4) of vectors (k, 6)."""
+        """Return the poses T_view_model (k, 4, 4) that differ from the pose by vectors (k, 6)."""
         changes = vectors @ self._root.T
         poses = np.repeat(np.eye(4)[None], len(vectors), axis=0)
         poses[:, :3, :3] = R = se3.exp_so3(changes[:, 3:]) @ self._T[:3, :3]
@@ -38,5 +38,5 @@ class PoseChange:
         return poses
 
     def covariance(self, of_vectors: FloatArray) -> FloatArray:
-        """Return the covariance (6, 6) of the pose from that of the vector."""
+        """Return the covariance (6, 6) of the pose for a covariance (6, 6) of the vector."""
         return symmetrised(self._root @ of_vectors @ self._root.T)

@@ -105,7 +105,7 @@ class PoseRefiner:
     def ranked(self, poses: FloatArray, count: int) -> list[Refined]:
         """Return the best hypotheses of poses T_view_model (k, 4, 4) after a search, best first.
 
-        At most ``count`` are refined, fewer if the others are much worse.
+        At most ``count`` are refined, fewer if the others are much worse, and half turns of the best ones.
         """
         costs = likelihood(self._view, *self._mesh, poses, self._sigma_m).cost
         rows = distinct(poses, np.argsort(costs, kind="stable"), count)
@@ -120,9 +120,10 @@ class PoseRefiner:
         return sorted(refined_poses, key=lambda refined: refined.cost)
 
     def _half_turns(self, best: Refined) -> list[FloatArray]:
-        """Return the poses half a turn about the principal axes of the model that may explain the scan.
+        """Return the poses (4, 4) half a turn from a pose about the principal axes of the model.
 
-        The search does not always find them, and the scan of a plate or of a box does not exclude them.
+        Only poses whose cost is not much larger are returned. The search does not always find them, and the
+        scan of a plate or of a box does not exclude them.
         """
         mean_m = self._surface.points_m.mean(axis=0)
         offsets = self._surface.points_m - mean_m

@@ -173,7 +173,6 @@ class _Result(Protocol):
     @property
     def faults(self) -> list[str]:
         """Tasks that failed, and limits that are not met."""
-        ...
 
 
 _ResultT = TypeVar("_ResultT", bound=_Result)

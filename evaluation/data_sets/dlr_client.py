@@ -79,7 +79,7 @@ def mesh(data: Path) -> tuple[FloatArray, IntArray]:
 
 
 def start_pose(data: Path, camera: ClientCamera) -> FloatArray:
-    """Return T_camera_model (4, 4) of the start pose."""
+    """Return DLR's start pose as T_camera_model (4, 4), metres."""
     T_model_docking = np.vstack(
         [np.reshape(_values(data / FOLDER / "theModel_client.txt")[1], (3, 4)), [0, 0, 0, 1]]
     )

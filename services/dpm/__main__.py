@@ -113,18 +113,20 @@ def run_dpm(settings: Settings, stop: threading.Event) -> None:
 @contextmanager
 def _exchange(bus: Bus, dpm: Dpm, settings: Settings, profile: Profile | None) -> Iterator[None]:
     """Exchange products over a link with contact windows inside the block, if there is a contact plan."""
+    refusal = ""
     if settings.contact_plan is None:
-        text = "this DPM has no contact plan; start it with `cdff service dpm --contact-plan FILE`"
-        bus.serve(keys.dpm_rpc(keys.GROUND, "contact"), _refusal(text), workers=1)
+        refusal = "this DPM has no contact plan; start it with `cdff service dpm --contact-plan FILE`"
+    elif settings.contact_robot is not None:
+        refusal = f"this is the DPM on {settings.contact_robot}; connect to the router of the ground"
+    if refusal:
+        bus.serve(keys.dpm_rpc(keys.GROUND, "contact"), _refusal(refusal), workers=1)
+    if settings.contact_plan is None:
         yield
         return
     from services.contact.service import start_exchange
 
     order = Exchange() if profile is None else profile.exchange
     link = (settings.contact_plan, settings.contact_link, settings.contact_robot)
-    if settings.contact_robot is not None:
-        text = f"this is the DPM on {settings.contact_robot}; connect to the router of the ground"
-        bus.serve(keys.dpm_rpc(keys.GROUND, "contact"), _refusal(text), workers=1)
     with closing(start_exchange(bus, dpm, *link, order)):
         yield
 

@@ -72,7 +72,7 @@ class DatagramPort:
         self.counters["sent_bytes"] += len(data)
 
     def start(self, on_receive: Callable[[bytes], object]) -> None:
-        """Start the thread, which calls ``on_receive`` with each received datagram."""
+        """Start the receiving thread; it calls ``on_receive`` with each datagram of the peer."""
         self._thread = threading.Thread(target=self._run, args=(on_receive,), name="datagrams", daemon=True)
         self._thread.start()
 

@@ -44,7 +44,7 @@ class _Number:
 
 
 class OutgoingTransfer:
-    """Transaction that sends a file by CFDP class 2.
+    """Transfer of a file to the ground segment with CFDP class 2, one transaction.
 
     Parameters
     ----------
@@ -179,5 +179,5 @@ class IncomingFile:
 
     @property
     def is_idle(self) -> bool:
-        """True if no PDU waits and the transaction has ended."""
+        """True if the transaction has ended and all received PDUs are processed."""
         return not self._received and self._handler.transaction_id is None

@@ -62,6 +62,7 @@ class EdgeOrientation(Interface[EdgeOrientationConfig]):
     """Mean of the poses near the prediction, weighted with the agreement of the edges inside the outline.
 
     The maximum of the agreement is not used: rotations out of the image plane and the range change it little.
+    All poses are normalised with the energy of the edges at the prediction.
     """
 
     def process(self, inputs: Inputs) -> Outputs:
@@ -98,7 +99,8 @@ class EdgeOrientation(Interface[EdgeOrientationConfig]):
             energy, start, _SAMPLED_VARIANCE * np.eye(6), rounds=cfg.rounds, samples=cfg.samples, rng=rng
         )
         T_camera_model = change.poses(mean[None])[0]
-        edges = correlation(T_camera_model)
+        final = body_field(vertices, triangles, T_camera_model, window)
+        edges = edge_correlation(field, final, edge_energy(field.edges[seam_mask(final)]))
         if not edges >= cfg.min_correlation:
             raise RefusedError(
                 f"edges of image and mesh correlate by {edges:.2f}",

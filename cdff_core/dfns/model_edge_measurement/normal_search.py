@@ -94,8 +94,10 @@ def _part(image: Float32Array, pixels: FloatArray, margin_px: float) -> Float32A
 
 
 def _slope_noise(image: Float32Array) -> float:
-    """Return the standard deviation of slopes as those of ``slopes_along`` in an image, along its rows and
-    columns, from their median: few pixels are on edges.
+    """Return the standard deviation of the slopes along the rows and columns of an image.
+
+    The slopes have the same weights as those of ``slopes_along``. Their median is used, because few pixels
+    are on edges.
     """
     slopes = [
         cv2.sepFilter2D(image, cv2.CV_32F, *kernels)[2:-2:_NOISE_STEP, 2:-2:_NOISE_STEP].ravel()
@@ -112,7 +114,7 @@ def slopes_along(
     """Return the smoothed derivatives (n, 2 half + 1) of the grey values along the normals, per pixel.
 
     The profile is sampled every pixel by bilinear interpolation and averaged over three pixels along the
-    edge. The derivatives at both ends are 0, those with samples outside the image NaN.
+    edge. The two derivatives at each end are 0. A derivative is NaN if a sample is outside the image.
     """
     count = 2 * half + 1
     profile, slopes = np.empty(count), np.zeros((len(pixels), count), np.float32)
@@ -144,8 +146,10 @@ def slopes_along(
 def strongest_extrema(
     slopes: Float32Array, range_px: float, hypotheses: int, min_slope: float
 ) -> FloatArray:  # pragma: no cover - compiled
-    """Return the offsets (n, hypotheses) of the strongest extrema of derivatives (n, 2 half + 1) within the
-    range and of at least ``min_slope``; NaN where there are fewer.
+    """Return the offsets (n, hypotheses), pixels, of the strongest extrema of derivatives (n, 2 half + 1).
+
+    An extremum is used if its offset is within the range and its derivative is at least ``min_slope``. The
+    remaining offsets are NaN.
     """
     n, count = slopes.shape
     offsets = np.full((n, hypotheses), np.nan)

@@ -27,7 +27,7 @@ _LEAST_SIGMA = 2e-4
 class DepthLikelihoodConfig(DfnConfig):
     """Parameters of DepthLikelihood."""
 
-    refined: int = Field(8, ge=1, le=50, description="Largest number of poses that are refined")
+    refined: int = Field(8, ge=1, le=50, description="Largest number of given poses that are refined")
     model_sigma: float = Field(
         0.002,
         ge=0,

@@ -12,7 +12,7 @@ from tests.support.dask_cluster import DaskCluster
 
 @pytest.fixture
 def cluster(tmp_path: Path) -> Iterator[DaskCluster]:
-    """A scheduler of Dask with two workers."""
+    """Yield a Dask cluster of a scheduler and two workers, and close it after the test."""
     pytest.importorskip("distributed", reason="Dask is not installed: pip install 'cdff[campaign]'")
     cluster = DaskCluster(tmp_path)
     yield cluster

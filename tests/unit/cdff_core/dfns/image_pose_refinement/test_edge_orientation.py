@@ -54,7 +54,7 @@ def test_a_pose_near_the_prediction_is_found_with_a_covariance_that_contains_its
     assert abs(error[2]) < abs(start[2])
     assert error @ np.linalg.solve(outputs.covariance, error) < 20.0
     assert np.trace(outputs.covariance[:2, :2]) < 0.05 * np.trace(COVARIANCE[:2, :2])
-    assert outputs.correlation > 0.4
+    assert 0.4 < outputs.correlation <= 1.0
     repeated = refined(photograph(), prediction())
     np.testing.assert_array_equal(repeated.pose, outputs.pose)
 

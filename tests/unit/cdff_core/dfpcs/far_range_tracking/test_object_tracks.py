@@ -48,7 +48,7 @@ def scene(k: int) -> Scene:
 
 
 def measured(inputs: BearingFilteringInputs) -> BearingFilteringOutputs:
-    """Return the measured directions; without a measurement those before."""
+    """Return the measured directions, or the previous ones if there is no measurement."""
     directions = inputs.directions if inputs.measured is None else inputs.measured
     return BearingFilteringOutputs(
         directions=directions, rates=inputs.rates, covariances=inputs.covariances, nis=np.zeros(1)

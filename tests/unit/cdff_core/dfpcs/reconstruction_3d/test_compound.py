@@ -134,7 +134,7 @@ def test_poses_worse_than_the_limit_are_excluded_with_the_reason(parameter: str,
         covariance = np.eye(6) * 1e-8
         covariance[first : first + 3, first : first + 3] += sigma**2 * np.outer(direction, direction)
         samples += [_depth(n), _pose(n, T, covariance=covariance)]
-    # The poses before and after a capture without an accurate pose are 0.1 s away.
+    # If the pose of a capture is refused, the nearest accurate poses are 0.1 s before and after it.
     outputs = _run(_dfpc(**{parameter: limit, "max_pose_gap_s": 0.05}), samples)
     assert [pose.t1_ns for pose in outputs["pose"]] == [_stamp_ns(n) for n in range(0, 16, 2)]
     quality = outputs["mesh"][0].quality
