@@ -3,6 +3,9 @@
 """Health check of containers: liveliness tokens of their services, and answers of those that hang.
 
 python -m services.health ground/dpm mana/visual_odometry_sparse
+
+With ``--without-router`` a router that does not answer is no failure: Kubernetes, which restarts services by
+this check, would otherwise restart all of them when the router ends.
 """
 
 from __future__ import annotations
@@ -11,7 +14,7 @@ import argparse
 import sys
 
 from cdff_common.bus import Bus, keys
-from cdff_common.errors import CdffError
+from cdff_common.errors import CdffError, UnavailableError
 
 #: Services without a status call; the supervisor, or the restart policy of the container, replaces them.
 _WITHOUT_STATUS = ("router", "supervisor", "icu", "map_merging")
@@ -58,9 +61,17 @@ def main(argv: list[str] | None = None) -> int:
         default=2.0,
         help="timeout for the connection to the router in seconds (default 2)",
     )
+    parser.add_argument(
+        "--without-router", action="store_true", help="exit 0 if the router does not answer, not 1"
+    )
     args = parser.parse_args(argv)
     try:
-        with Bus.open(name="health", wait_s=args.wait_s) as bus:
+        bus = Bus.open(name="health", wait_s=args.wait_s)
+    except CdffError as error:
+        sys.stderr.write(f"{error}\n")
+        return 0 if args.without_router and isinstance(error, UnavailableError) else 1
+    try:
+        with bus:
             absent = missing_services(bus, args.services)
             problems = [] if absent else unhealthy_services(bus, args.services)
     except CdffError as error:

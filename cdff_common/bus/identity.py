@@ -39,7 +39,8 @@ class Identity:
         Raises
         ------
         ConfigurationError
-            If a file is missing or unreadable, or others than the owner may read the key.
+            If a file is missing or unreadable, or others than the owner may read the key. The group may read
+            the key of another owner, root: Kubernetes mounts secrets in this way.
         """
         for name in (AUTHORITY, CERTIFICATE, KEY):
             path = folder / name
@@ -47,8 +48,10 @@ class Identity:
                 raise ConfigurationError(
                     f"{path}: cannot be read, expected a file of an identity; write it with `cdff keys`"
                 )
-        mode = (folder / KEY).stat().st_mode & 0o777
-        if mode & 0o077:
+        status = (folder / KEY).stat()
+        mode = status.st_mode & 0o777
+        is_mounted = status.st_uid == 0 and os.geteuid() != 0
+        if mode & (0o037 if is_mounted else 0o077):
             raise ConfigurationError(f"{folder / KEY}: mode {mode:o}, expected 600; run chmod 600 on it")
         return cls(folder.resolve())
 

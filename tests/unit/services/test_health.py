@@ -58,4 +58,5 @@ def test_the_health_check_fails_without_a_router(
 ) -> None:
     monkeypatch.setenv("CDFF_CONNECT", "tcp/127.0.0.1:1")
     assert health.main(["ground/dpm", "--wait-s", "0"]) == 1
+    assert health.main(["ground/dpm", "--wait-s", "0", "--without-router"]) == 0
     assert "no Zenoh router answers" in capsys.readouterr().err

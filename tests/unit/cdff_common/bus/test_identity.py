@@ -35,6 +35,21 @@ def test_a_missing_file_and_a_key_that_others_may_read_are_refused(folder: Path)
         Identity.read(folder)
 
 
+def test_a_mounted_key_of_root_may_be_readable_by_the_group(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    key = folder / "identity.key"
+    if key.stat().st_uid != 0:
+        pytest.skip("only root can make a file of root")
+    monkeypatch.setattr("os.geteuid", lambda: 10001)
+    key.chmod(0o440)
+    assert Identity.read(folder).folder == folder.resolve()
+    for mode in (0o460, 0o444):
+        key.chmod(mode)
+        with pytest.raises(ConfigurationError, match=f"mode {mode:o}, expected 600"):
+            Identity.read(folder)
+
+
 def test_a_router_needs_an_access_control_list(folder: Path) -> None:
     with pytest.raises(ConfigurationError, match="the identity of the ground or of a robot"):
         Identity.read(folder).access_control()
