@@ -14,6 +14,7 @@ import threading
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
+from cdff_common import tracing
 from cdff_common.errors import CdffError, UnavailableError
 from cdff_common.heartbeat import start_heartbeat
 from cdff_common.log import configure_logging
@@ -114,6 +115,7 @@ def run_service(name: str, body: Callable[[threading.Event], None]) -> int:
     try:
         if log_folder:
             configure_logging(name, level, make_folder(Path(log_folder)))
+        tracing.start(name)
         body(stop)
     except CdffError as error:
         if stop.is_set():  # an interruption by the stop event is not a failure
@@ -122,5 +124,7 @@ def run_service(name: str, body: Callable[[threading.Event], None]) -> int:
         for line in str(error).splitlines():  # one line for a known error or fault, no traceback
             logger.error("%s", line)
         return 1
+    finally:
+        tracing.stop()
     sys.stdout.flush()
     return 0

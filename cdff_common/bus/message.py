@@ -12,6 +12,7 @@ from urllib.parse import quote, unquote_to_bytes
 
 import msgpack
 
+from cdff_common import tracing
 from cdff_common.errors import (
     ERROR_OF_CODE,
     CdffError,
@@ -148,6 +149,27 @@ def unpack(data: bytes) -> Any:
         return msgpack.unpackb(data, strict_map_key=False)
     except (ValueError, TypeError, msgpack.UnpackException, msgpack.ExtraData, RecursionError) as error:
         raise CodecError(f"{len(data)} bytes that are not MessagePack: {error}") from error
+
+
+def with_context(attachment: bytes) -> bytes:
+    """Return an attachment, a MessagePack map or empty, with the context of the current span if there is one."""
+    parent = tracing.current()
+    if not parent or tracing.PARENT.encode() in attachment:
+        return attachment
+    body = unpack(attachment) if attachment else {}
+    return pack({**body, tracing.PARENT: parent}) if isinstance(body, dict) else attachment
+
+
+def split_context(attachment: bytes) -> tuple[bytes, str]:
+    """Return an attachment without the context of a span, and this context, empty without one."""
+    if tracing.PARENT.encode() not in attachment:
+        return attachment, ""
+    try:
+        body = unpack(attachment)
+        parent = body.pop(tracing.PARENT)
+    except (CodecError, AttributeError, KeyError, TypeError):  # the text is that of a value
+        return attachment, ""
+    return pack(body) if body else b"", parent if isinstance(parent, str) else ""
 
 
 def on_map(callback: Callable[[str, dict[str, Any]], None]) -> Callable[[Message], None]:

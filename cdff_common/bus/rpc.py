@@ -18,6 +18,7 @@ from typing import Any, TypedDict, Unpack
 
 import zenoh
 
+from cdff_common import tracing
 from cdff_common.bus.handler_pool import HandlerPool
 from cdff_common.bus.inbox import Inbox
 from cdff_common.bus.message import (
@@ -31,7 +32,9 @@ from cdff_common.bus.message import (
     pack,
     parameters_of_malformed,
     parse_parameters,
+    split_context,
     unpack,
+    with_context,
 )
 from cdff_common.bus.pause import Pause, PausedCalls
 from cdff_common.clock import monotonic_s
@@ -176,7 +179,11 @@ class CallServer:
     def _replies(self, query: zenoh.Query) -> Iterator[Reply | Pause]:
         if self._stopping:
             raise self._stopping_error()
-        replies = self._handler(_request_of(query))
+        request, parent = _request_of(query)
+        yield from tracing.traced(request.key, parent, self._handle(request))
+
+    def _handle(self, request: Request) -> Iterator[Reply | Pause]:
+        replies = self._handler(request)
         yield from [replies] if isinstance(replies, Reply) else replies
 
     def _advance(self, query: zenoh.Query, replies: Iterator[Reply | Pause]) -> None:
@@ -253,14 +260,17 @@ def _payload_bytes(query: zenoh.Query) -> int:
     return 0 if query.payload is None else len(query.payload)
 
 
-def _request_of(query: zenoh.Query) -> Request:
-    return Request(
+def _request_of(query: zenoh.Query) -> tuple[Request, str]:
+    """Return the call of a query, and the context of the span that it belongs to."""
+    attachment, parent = split_context(b"" if query.attachment is None else query.attachment.to_bytes())
+    request = Request(
         key=str(query.key_expr),
         parameters=parse_parameters(str(query.parameters)),
         payload=b"" if query.payload is None else query.payload.to_bytes(),
         encoding="" if query.encoding is None else str(query.encoding),
-        attachment=b"" if query.attachment is None else query.attachment.to_bytes(),
+        attachment=attachment,
     )
+    return request, parent
 
 
 def _has_router(session: zenoh.Session) -> bool:
@@ -366,7 +376,7 @@ def _get(
             handler,
             payload=options.get("payload") or None,
             encoding=encoding_argument(options.get("encoding", "")),
-            attachment=options.get("attachment") or None,
+            attachment=with_context(options.get("attachment", b"")) or None,
             timeout=options.get("timeout_s", _TIMEOUT_S),
             consolidation=zenoh.ConsolidationMode.NONE,
             target=zenoh.QueryTarget.BEST_MATCHING,

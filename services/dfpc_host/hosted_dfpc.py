@@ -10,7 +10,9 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from cdff_common import tracing
 from cdff_common.bus import Bus, Message, Qos, Subscription, keys
+from cdff_common.bus.message import with_context
 from cdff_common.clock import monotonic_s
 from cdff_common.codecs import encode, encoding_string
 from cdff_common.codecs.wire_types import wire_type
@@ -30,6 +32,9 @@ from services.signing import Sign
 
 logger = logging.getLogger(__name__)
 
+#: Steps after an activation that belong to the trace of the request that activated the DFPC.
+_TRACED_STEPS = 100
+
 
 class HostedDfpc(DfpcLifeCycle):
     """A DFPC with its thread; steps, operations and store queries never run at the same time."""
@@ -45,6 +50,7 @@ class HostedDfpc(DfpcLifeCycle):
         self._refused_inputs = 0
         self._dropped_before = 0
         self._stored_bytes = 0
+        self._trace, self._traced_steps = "", 0
         self._bus, self._outbox = bus, outbox
         file = state_file(robot.id, entry.name)
         self._state_store = StateStore(file)
@@ -75,6 +81,7 @@ class HostedDfpc(DfpcLifeCycle):
     def activate(self, inputs: Mapping[str, str] | None = None, adjustment: Adjustment | None = None) -> None:
         """Subscribe the inputs and start stepping; an active DFPC changes its sources or is adjusted."""
         with self._life:
+            self._trace, self._traced_steps = tracing.current(), 0
             sources = self.sources(inputs or {})
             if self.state is DfpcState.ERROR:
                 self.configure()
@@ -306,7 +313,7 @@ class HostedDfpc(DfpcLifeCycle):
                     return False
             started_s, cpu_s = monotonic_s(), time.thread_time()
             self.step_started_s = started_s
-            with self.failure_guard():
+            with self.failure_guard(), tracing.span(f"{self.entry.name}.step", self._context_of_step()):
                 products = runner.step_one()
                 self._state_store.checkpoint_first(self.dfpc)
                 self.publish(products)
@@ -321,6 +328,11 @@ class HostedDfpc(DfpcLifeCycle):
         with self._queue:
             self._queue.notify_all()
         return True
+
+    def _context_of_step(self) -> str:
+        """Return the context of the activation for the first steps after it, then nothing."""
+        self._traced_steps += 1
+        return self._trace if self._traced_steps <= _TRACED_STEPS else ""
 
     def on_failure(self) -> None:
         """Stop stepping, and publish an alarm."""
@@ -360,7 +372,9 @@ class HostedDfpc(DfpcLifeCycle):
             if payload and product.product:
                 self._stored_bytes += len(payload)
                 self._outbox.put(
-                    SpooledProduct(**names, payload=payload, encoding=encoding, attachment=attachment)
+                    SpooledProduct(
+                        **names, payload=payload, encoding=encoding, attachment=with_context(attachment)
+                    )
                 )
 
     def _publish_event(self, kind: str, **more: Any) -> None:

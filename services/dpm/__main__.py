@@ -14,6 +14,7 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
 
+from cdff_common import tracing
 from cdff_common.bus import Bus, Reply, Request, keys
 from cdff_common.errors import UnavailableError
 from cdff_common.heartbeat import add_check
@@ -106,6 +107,7 @@ def run_dpm(settings: Settings, stop: threading.Event) -> None:
         if recorder is not None:
             recorder.flush()
     if warming.is_alive():  # a compiler cannot be interrupted
+        tracing.stop()
         logging.shutdown()
         os._exit(0)
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+from cdff_common import tracing
 from cdff_common.clock import Clock
 from cdff_core.orchestration.acceptance import Assessment
 from cdff_core.orchestration.lifecycle import JobState
@@ -214,6 +215,8 @@ class JobPlan:
     def _adopt(self, plan: Plan) -> None:
         """Replace the lease of the job by the needs of a plan."""
         job = self.job
+        for provider in plan.order:
+            tracing.keep(str(provider))
         self.state.hold(job.id, plan, job.request.priority)
         if self.delegations is not None:
             self.delegations.hold(job, plan)

@@ -9,6 +9,7 @@ import threading
 from dataclasses import replace
 from typing import Any
 
+from cdff_common import tracing
 from cdff_common.bus import Bus, Reply, keys
 from cdff_common.bus.message import pack
 from cdff_common.errors import CdffError, CodecError, DeadlineError, DeniedError
@@ -116,7 +117,10 @@ class Reconciler:
             if isinstance(action, SetMode | Acquire):
                 self._set_mode(action)
             else:
-                self._switch(action, _VERBS[type(action)])
+                verb = _VERBS[type(action)]
+                parent = tracing.kept(str(subject)) if verb == "activate" else ""
+                with tracing.span(f"orchestrator.{verb}", parent):
+                    self._switch(action, verb)
         except Exception as error:  # an unexpected error of one action; it is repeated after a back-off
             logger.exception("%s failed", action)
             self._state.add_failure(subject, f"{action}: {type(error).__name__}")

@@ -1,9 +1,12 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The alerting rules name existing metrics, have a rule for each kind of alarm, and pass promtool."""
+"""The alerting rules name existing metrics, have a rule for each kind of alarm, and pass promtool; so do the
+queries of the dashboards.
+"""
 
 from __future__ import annotations
 
+import json
 import re
 import shutil
 import subprocess
@@ -42,6 +45,16 @@ STAT: dict[str, Any] = {
 }
 TOPIC = {"type": "LaserScan", "received": 9, "forwarded": 8, "latency_ms": 2.0, "dropped": {"size": 1}}
 GATEWAYS = {("mana", "gateway_ros2"): {"inputs": {"/scan": TOPIC}, "outputs": []}}
+DASHBOARDS: dict[str, Any] = {
+    path.stem: json.loads(path.read_text(encoding="utf-8"))
+    for path in sorted((ROOT / "deploy" / "grafana").glob("*.json"))
+}
+QUERIES: list[tuple[str, str]] = [
+    (f"{name}: {panel['title']}", target["expr"])
+    for name, board in DASHBOARDS.items()
+    for panel in board["panels"]
+    for target in panel["targets"]
+]
 METRICS = "\n".join([*dpm_lines(STATUS), *orchestrator_lines(STAT), *gateway_lines(GATEWAYS)]) + "\n"
 
 
@@ -83,3 +96,29 @@ def test_promtool_accepts_the_rules_and_their_tests_pass(promtool: str) -> None:
 
 def test_promtool_accepts_the_metrics(promtool: str) -> None:
     run(promtool, "check", "metrics", text=METRICS)
+
+
+def test_the_dashboards_show_every_metric_and_no_other() -> None:
+    metrics = set(re.findall(r"^# TYPE (\w+)", METRICS, re.MULTILINE))
+    shown = {
+        name.removesuffix("_bucket") for _, query in QUERIES for name in re.findall(r"\bcdff_\w+", query)
+    }
+    assert shown == metrics
+
+
+def test_panels_have_a_title_a_unit_and_their_own_place() -> None:
+    assert len({board["uid"] for board in DASHBOARDS.values()}) == len(DASHBOARDS) == 2
+    for board in DASHBOARDS.values():
+        places = [(panel["gridPos"]["x"], panel["gridPos"]["y"]) for panel in board["panels"]]
+        assert len(set(places)) == len(places)
+        for panel in board["panels"]:
+            assert panel["title"]
+            assert panel["fieldConfig"]["defaults"]["unit"]
+            assert panel["datasource"] == {"type": "prometheus", "uid": "${datasource}"}
+
+
+def test_promtool_accepts_the_queries_of_the_dashboards(promtool: str, tmp_path: Path) -> None:
+    rules = [{"record": f"dashboard:query:{i}", "expr": query} for i, (_, query) in enumerate(QUERIES)]
+    file = tmp_path / "queries.yml"
+    file.write_text(yaml.safe_dump({"groups": [{"name": "dashboards", "rules": rules}]}), encoding="utf-8")
+    run(promtool, "check", "rules", str(file))
