@@ -6,7 +6,8 @@
 
 Router and gateway are processes. A program publishes a ``PointCloud2`` of 1 MB under a key without the
 gateway, and under the key of the topic, in turn, one message at a time; it receives both, the second as a
-sample of MessagePack. ``gateway_cpu`` is the CPU time of the gateway's process for a cloud.
+sample of MessagePack. ``gateway_cpu`` is the CPU time of the gateway's process for a cloud. ``mb_per_s`` is
+the rate at which clouds arrive if at most four of them are in flight.
 """
 
 from __future__ import annotations
@@ -35,6 +36,8 @@ from services.ros_messages.type_hashes import message_hash
 CLOUD = "sensor_msgs/msg/PointCloud2"
 POINTS = 83_333  # 12 bytes each
 TIMEOUT_S, _WARM_UP = 20.0, 5
+#: Clouds that are sent as fast as possible, and of these the number in flight.
+_BURST, _IN_FLIGHT = 60, 4
 SETTINGS = f"""robot: mana
 inputs:
   - {{topic: /points, type: {CLOUD}, stream: lidar/scan, frame: mana/lidar, codec: msgpack}}
@@ -62,8 +65,25 @@ def cloud(types: RosTypes, points: Any) -> bytes:
     return bytes(types.serialize(message, CLOUD))
 
 
-def latencies_ms(endpoint: str, rounds: int, gateway_pid: int) -> tuple[dict[str, list[float]], float]:
-    """Return the latencies of messages without and with the gateway, and its CPU time of a message in ms."""
+def rate_mb_per_s(robot: Bus, key: str, clouds: list[bytes], received: queue.Queue[float]) -> float:
+    """Return the rate at which clouds arrive, at most four in flight."""
+    start_s = end_s = time.perf_counter()
+    for i, data in enumerate(clouds):
+        attachment = rmw_zenoh.Attachment(i + 1, wall_ns(), bytes(16)).to_bytes()
+        robot.publish(key, data, encoding=rmw_zenoh.ENCODING, attachment=attachment)
+        if i >= _IN_FLIGHT:
+            end_s = received.get(timeout=TIMEOUT_S)
+    for _ in range(min(_IN_FLIGHT, len(clouds))):
+        end_s = received.get(timeout=TIMEOUT_S)
+    return 1e-6 * sum(map(len, clouds)) / (end_s - start_s)
+
+
+def latencies_ms(
+    endpoint: str, rounds: int, gateway_pid: int
+) -> tuple[dict[str, list[float]], float, dict[str, float]]:
+    """Return the latencies of messages without and with the gateway, its CPU time of a message in ms, and the
+    rates of both in MB/s.
+    """
     types = RosTypes(2)
     topic = rmw_zenoh.data_key(0, "/points", CLOUD, message_hash(types.store.fielddefs, CLOUD))
     targets = {"raw": "benchmark/raw", "gateway": topic}
@@ -98,7 +118,11 @@ def latencies_ms(endpoint: str, rounds: int, gateway_pid: int) -> tuple[dict[str
                 if i >= _WARM_UP:
                     latencies_by_route[name].append(1e3 * (end_s - start_s))
         cpu_ms = 1e3 * (cpu_s(gateway_pid) - start_cpu_s) / rounds
-    return latencies_by_route, cpu_ms
+        rates = {}
+        for name, key in targets.items():
+            clouds = [cloud(types, points) for _ in range(_BURST)]
+            rates[name] = rate_mb_per_s(robot, key, clouds, received[name])
+    return latencies_by_route, cpu_ms, rates
 
 
 def main() -> None:
@@ -116,7 +140,9 @@ def main() -> None:
             command += ["--connect", services.endpoint]
             with subprocess.Popen(command, stderr=subprocess.DEVNULL) as gateway:
                 try:
-                    latencies_by_route, cpu_ms = latencies_ms(services.endpoint, args.rounds, gateway.pid)
+                    latencies_by_route, cpu_ms, rates = latencies_ms(
+                        services.endpoint, args.rounds, gateway.pid
+                    )
                 finally:
                     gateway.terminate()
     quantiles = {
@@ -129,6 +155,7 @@ def main() -> None:
     }
     mb_per_cpu_s = round(12e-6 * POINTS / (1e-3 * cpu_ms))
     report["gateway_cpu"] = {"ms": round(cpu_ms, 2), "mb_per_cpu_s": mb_per_cpu_s}
+    report["mb_per_s"] = {name: round(rate) for name, rate in rates.items()}
     write_report({"rounds": args.rounds, **report, "load": round(os.getloadavg()[0], 1)}, args.out)
 
 

@@ -22,6 +22,8 @@ _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3
 _MAPPED_BYTES = 1 << 20
 #: Free memory at the end of a heap that is not returned at once.
 _KEPT_BYTES = 8 << 20
+#: Largest size that ``M_MMAP_THRESHOLD`` can have, and free memory that a process for large messages keeps.
+_LARGEST_REUSED_BYTES, _REUSED_BYTES = 32 << 20, 64 << 20
 #: Least interval between two releases, seconds.
 _RELEASE_PERIOD_S = 1.0
 #: Numbers of allocations and of younger collections after which a collection of each generation begins.
@@ -41,6 +43,18 @@ def limit_retained_memory() -> None:
         libc.mallopt(_M_MMAP_THRESHOLD, _MAPPED_BYTES)
         libc.mallopt(_M_TRIM_THRESHOLD, _KEPT_BYTES)
     os.environ.setdefault("GDAL_CACHEMAX", _GDAL_CACHE_MB)
+
+
+def reuse_large_blocks() -> None:
+    """Keep up to 64 MB of freed memory for the next large message, instead of returning it to the system.
+
+    The system clears each page that it gives to a process. For a message of 1 MB that is copied several times
+    this takes longer than the copies. For processes whose only large blocks are messages that pass.
+    """
+    libc = _glibc()
+    if libc is not None:
+        libc.mallopt(_M_MMAP_THRESHOLD, _LARGEST_REUSED_BYTES)
+        libc.mallopt(_M_TRIM_THRESHOLD, _REUSED_BYTES)
 
 
 def freeze_heap() -> None:

@@ -75,18 +75,19 @@ class Bus:
         wait_s: float | None = 5.0,
         stop: threading.Event | None = None,
         identity: Identity | None = None,
+        is_anonymous: bool = False,
     ) -> Self:
         """Connect to the router (argument, ``CDFF_CONNECT`` or the default), trying for ``wait_s`` seconds.
 
         ``wait_s=None`` tries until the router answers or ``stop`` is set. The default ``identity`` is that of
-        ``CDFF_IDENTITY``.
+        ``CDFF_IDENTITY``; ``is_anonymous`` connects without one, to the router of another system.
 
         Raises
         ------
         UnavailableError
             If no router answers in time, or ``stop`` was set before.
         """
-        return cls(open_client(connect, wait_s, stop, identity), name)
+        return cls(open_client(connect, wait_s, stop, identity, is_anonymous=is_anonymous), name)
 
     @classmethod
     def open_router(cls, listen: str, *, uplink: str | None = None, name: str = "router") -> Self:

@@ -23,6 +23,9 @@ LEASE_MS = 5000
 #: Time that a droppable message waits for space in the queue of a link before it is dropped, and time for all
 #: fragments of one message, µs. Zenoh's defaults of 1 and 50 ms lose sensor samples on a busy processor.
 _WAIT_BEFORE_DROP_US = {"wait_before_drop": 100_000, "max_wait_before_drop_fragments": 500_000}
+#: Batches of 64 kB in the queues of a link for streams, poses and products: 1 MB passes in one step. With the
+#: default of 2, the sender and the thread of the link would wait for each other at every second batch.
+_BATCHES = {f"transport/link/tx/queue/size/{name}": 16 for name in ("data_high", "data", "data_low")}
 #: Time limit of one attempt to connect.
 _ATTEMPT_MS = 500
 _RETRY = {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 1.5}
@@ -84,6 +87,8 @@ def open_client(
     wait_s: float | None,
     stop: threading.Event | None = None,
     identity: Identity | None = None,
+    *,
+    is_anonymous: bool = False,
 ) -> zenoh.Session:
     """Open a client session, trying until the router answers.
 
@@ -97,6 +102,8 @@ def open_client(
         Event that ends the waiting.
     identity : Identity, optional
         Default: that of ``CDFF_IDENTITY``.
+    is_anonymous : bool
+        Without an ``identity`` show none.
 
     Raises
     ------
@@ -105,12 +112,15 @@ def open_client(
     UnavailableError
         If no router answers in time.
     """
-    address, identity = endpoint(connect), identity or Identity.of_environment()
+    address = endpoint(connect)
+    if identity is None and not is_anonymous:
+        identity = Identity.of_environment()
     check_endpoint(address, is_secure=identity is not None)
     config = _config(
         "client",
         {
             **({} if identity is None else identity.settings(listens=False)),
+            **_BATCHES,
             "connect/endpoints": [address],
             "connect/timeout_ms": _ATTEMPT_MS,
             "connect/exit_on_failure": True,
@@ -154,7 +164,7 @@ def open_router(listen: str, uplink: str | None = None, identity: Identity | Non
     UnavailableError
         If the endpoint cannot be listened on.
     """
-    settings: dict[str, object] = {"listen/endpoints": [listen], "listen/exit_on_failure": True}
+    settings: dict[str, object] = {"listen/endpoints": [listen], "listen/exit_on_failure": True, **_BATCHES}
     for address in (listen, uplink):
         if address:
             check_endpoint(address, is_secure=identity is not None)

@@ -16,9 +16,9 @@ from cdff_common.errors import CodecError, InputError
 from cdff_common.geometry import UncertainTransform
 from cdff_common.geometry.se3 import FloatArray
 from cdff_common.types import DistanceImage, Frame, FramePair, Time, TransformWithCovariance
+from cdff_core.imaging.pair_rectifier import PairRectifier
 from cdff_dev.logs.indexed import IndexedStream, headers
 from cdff_dev.logs.source import split_stream
-from cdff_dev.logs.stereo_pairs import PairRectifier
 from services.ros_messages.compressed_images import decode_image
 
 Stamps = NDArray[np.int64]

@@ -14,11 +14,13 @@ from cdff_common.client import Client
 from services.gateway_dds.relayed_requests import RelayedRequests
 from services.gateway_dds.robot_node import RobotNode
 from services.gateway_dds.settings import DdsSettings
-from services.gateways.frames import FrameNames
-from services.gateways.inputs import InputLink, links_by_topic
+from services.gateways.clock_topic import ClockTopic
+from services.gateways.dpm_frames import DpmFrames
+from services.gateways.frames import FrameNames, FrameTree
+from services.gateways.input_links import links_by_topic
+from services.gateways.inputs import InputLink
 from services.gateways.outputs import connect_outputs
 from services.gateways.status import status_of
-from services.ros_messages.conversions import CAMERA_INFO
 from services.ros_messages.message_types import RosTypes
 
 SERVICE = "gateway_dds"
@@ -42,16 +44,20 @@ class Gateway:
         self._settings, self._bus = settings, bus
         types = RosTypes(2)
         self.node = RobotNode(settings, types)
-        names = FrameNames(settings.robot, settings.frames)
-        by_topic = links_by_topic(settings.inputs, names, types, bus)
+        names = FrameNames(settings.robot, settings.frames, settings.origins)
+        self._tree = FrameTree()
+        self._frames = DpmFrames(bus, settings.robot, self._tree)
+        by_topic = links_by_topic(settings.inputs, names, types, bus, self._tree)
+        self._inputs = [link for links in by_topic.values() for link in links]
         for topic, links in by_topic.items():
             entry = links[0].entry
             self.node.subscribe(topic, entry.type, entry.service_quality, _receiver(links), entry.queue)
-            if entry.camera_info is not None:
-                calibration = links[0].on_camera_info
-                self.node.subscribe(entry.camera_info, CAMERA_INFO, entry.service_quality, calibration, 1)
-        self._inputs = [link for links in by_topic.values() for link in links]
-        self._outputs = connect_outputs(settings.outputs, names, types, self.node, bus)
+        for link in self._inputs:
+            quality = link.entry.service_quality
+            for topic, type_name, receive, queue in link.further_topics:
+                self.node.subscribe(topic, type_name, quality, receive, queue)
+        self._outputs = connect_outputs(settings.outputs, names, types, self.node, bus, self._tree)
+        self._clock = ClockTopic(bus.mission_clock, types, self.node) if settings.clock else None
         node_name = settings.node
         self._requests = RelayedRequests(settings.requests, node_name, names, types, self.node, client)
         self.node.start()
@@ -63,6 +69,9 @@ class Gateway:
                 stack.callback(link.close)
             stack.callback(self._requests.close)
             stack.callback(self.node.close)
+            self._frames.start(stop)
+            if self._clock is not None:
+                self._clock.start(self._bus.loops, stop)
             while True:
                 self.node.check_types()
                 self._bus.publish_latched(keys.gateway_status(self._settings.robot, SERVICE), self.status())
@@ -79,6 +88,7 @@ class Gateway:
             "node": self._settings.node,
             "domain": self._settings.domain,
             **status,
+            "frame_tree": self._tree.to_map(),
             "conflicts": dict(self.node.conflicts),
             "relay": {"faults": self._requests.faults, "last_fault": self._requests.last_fault},
         }

@@ -7,34 +7,32 @@ from __future__ import annotations
 import logging
 import threading
 from collections.abc import Callable
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from typing import Any
 
 from cdff_common.bus import Bus, keys
 from cdff_common.client import Client
-from cdff_common.errors import UnavailableError
 from services.gateway_ros1.node import Ros1Node
 from services.gateway_ros1.parameters import ServerParameters
 from services.gateway_ros1.settings import Ros1Settings
+from services.gateways.clock_topic import ClockTopic
 from services.gateways.dfpc_parameters import DfpcParameters
-from services.gateways.frames import FrameNames
-from services.gateways.inputs import InputLink, links_by_topic
+from services.gateways.dpm_frames import DpmFrames
+from services.gateways.frames import FrameNames, FrameTree
+from services.gateways.input_links import links_by_topic
+from services.gateways.inputs import FurtherTopic, InputLink
 from services.gateways.outputs import connect_outputs
 from services.gateways.request_types import SERVICES
 from services.gateways.requests import ProductRequests
 from services.gateways.settings import RequestEntry
 from services.gateways.status import status_of
-from services.ros_messages.conversions import CAMERA_INFO
-from services.ros_messages.encoding import Outgoing
 from services.ros_messages.message_types import RosTypes
 from services.ros_messages.service_types import ServiceType
 
 logger = logging.getLogger(__name__)
 
 SERVICE = "gateway_ros1"
-_STATUS_S, _CLOCK_S = 1.0, 0.05
-_CLOCK = "rosgraph_msgs/msg/Clock"
-_NS_PER_S = 1_000_000_000
+_STATUS_S = 1.0
 
 
 class Gateway:
@@ -56,9 +54,13 @@ class Gateway:
         self._settings, self._bus, self._client = settings, bus, client
         self._types = RosTypes(1)
         self._node = Ros1Node(master_uri, host, f"/{settings.node}", self._types)
-        self._names = FrameNames(settings.robot, settings.frames)
+        self._names = FrameNames(settings.robot, settings.frames, settings.origins)
+        self._tree = FrameTree()
+        self._frames = DpmFrames(bus, settings.robot, self._tree)
         self._inputs = self._make_inputs()
-        self._outputs = connect_outputs(settings.outputs, self._names, self._types, self._node, bus)
+        self._outputs = connect_outputs(
+            settings.outputs, self._names, self._types, self._node, bus, self._tree
+        )
         self._requests = [self._serve(entry) for entry in settings.requests]
         parameters = DfpcParameters(settings.robot, settings.parameters, bus)
         self._parameters = ServerParameters(self._node, settings.robot, parameters, bus)
@@ -66,8 +68,7 @@ class Gateway:
         self._threads: list[threading.Thread] = []
         self._stop = threading.Event()
         self._node.watch_parameter("/use_sim_time", self._on_sim_time)
-        if settings.clock:
-            self._node.declare_publisher("/clock", _CLOCK, latched=False)
+        self._clock = ClockTopic(bus.mission_clock, self._types, self._node) if settings.clock else None
 
     def run(self, stop: threading.Event) -> None:
         """Register with the master, and publish the status every second until ``stop`` is set."""
@@ -76,13 +77,14 @@ class Gateway:
             for link in self._inputs:
                 stack.callback(link.close)
             self._node.start()
-            works = {"parameters": self._parameters.retry}
-            if self._settings.clock:
-                works["clock"] = self._publish_clock
-            for name, work in works.items():
-                thread = threading.Thread(target=work, args=(stop,), name=name, daemon=True)
-                self._threads.append(thread)
-                thread.start()
+            thread = threading.Thread(
+                target=self._parameters.retry, args=(stop,), name="parameters", daemon=True
+            )
+            self._threads.append(thread)
+            thread.start()
+            self._frames.start(stop)
+            if self._clock is not None:
+                self._clock.start(self._bus.loops, stop)
             self._stop = stop
             while True:
                 key = keys.gateway_status(self._settings.robot, SERVICE)
@@ -108,6 +110,7 @@ class Gateway:
             },
             "use_sim_time": self._use_sim_time,
             **status_of(self._inputs, self._outputs, self._requests, missed=self._node.dropped),
+            "frame_tree": self._tree.to_map(),
             "parameters": self._parameters.to_map(),
         }
 
@@ -115,30 +118,31 @@ class Gateway:
         self._use_sim_time = value
 
     def _make_inputs(self) -> list[InputLink]:
-        by_topic = links_by_topic(self._settings.inputs, self._names, self._types, self._bus)
+        by_topic = links_by_topic(self._settings.inputs, self._names, self._types, self._bus, self._tree)
         links = [link for same in by_topic.values() for link in same]
-        by_calibration: dict[str, list[InputLink]] = {}
+        further: dict[str, list[tuple[InputLink, FurtherTopic]]] = {}
         for link in links:
-            if link.entry.camera_info is not None:
-                by_calibration.setdefault(link.entry.camera_info, []).append(link)
+            for item in link.further_topics:
+                further.setdefault(item.topic, []).append((link, item))
         for topic, same in by_topic.items():
-            self._subscribe(topic, same[0].entry.type, same, InputLink.on_message)
-        for topic, same in by_calibration.items():
-            self._subscribe(topic, CAMERA_INFO, same, InputLink.on_camera_info)
+            self._subscribe(topic, same[0].entry.type, [(link, link.on_message) for link in same])
+        for topic, items in further.items():
+            receivers = [(link, item.receive) for link, item in items]
+            self._subscribe(topic, items[0][1].type_name, receivers)
         return links
 
     def _subscribe(
-        self, topic: str, type_name: str, links: list[InputLink], receive: Callable[[InputLink, bytes], None]
+        self, topic: str, type_name: str, receivers: list[tuple[InputLink, Callable[[bytes], None]]]
     ) -> None:
         def on_message(data: bytes) -> None:
-            for link in links:
-                receive(link, data)
+            for _, receive in receivers:
+                receive(data)
 
         def on_fault(reason: str, detail: str) -> None:
-            for link in links:
+            for link, _ in receivers:
                 link.drop(reason, detail)
 
-        largest = max(link.entry.max_bytes for link in links)
+        largest = max(link.entry.max_bytes for link, _ in receivers)
         self._node.subscribe(topic, type_name, on_message, on_fault, max_bytes=largest)
 
     def _serve(self, entry: RequestEntry) -> ProductRequests:
@@ -146,14 +150,3 @@ class Gateway:
         requests = ProductRequests(entry, service.response, self._names, self._types, self._client)
         self._node.serve(entry.name, service, requests.answer)
         return requests
-
-    def _publish_clock(self, stop: threading.Event) -> None:
-        clock = self._bus.mission_clock
-        while not stop.wait(_CLOCK_S):
-            with suppress(UnavailableError):
-                now_ns = clock.now_ns()
-                time = self._types.make(
-                    "builtin_interfaces/Time", sec=now_ns // _NS_PER_S, nanosec=now_ns % _NS_PER_S
-                )
-                message = self._types.make("rosgraph_msgs/Clock", clock=time)
-                self._node.publish(Outgoing("/clock", _CLOCK, message), latched=False)

@@ -12,15 +12,7 @@ from services.ros_messages.mapping import mapping_table
 
 
 class Ros1Settings(GatewaySettings):
-    """Settings of the gateway to a robot with ROS 1.
-
-    Attributes
-    ----------
-    clock : bool
-        Publish the mission clock as ``/clock``, for nodes with ``use_sim_time``.
-    """
-
-    clock: bool = False
+    """Settings of the gateway to a robot with ROS 1."""
 
     @model_validator(mode="after")
     def _has_no_actions(self) -> Ros1Settings:

@@ -3,6 +3,8 @@
 """Gateway to a robot with ROS 2 on Zenoh (rmw_zenoh): its sensors become samples, products become topics.
 
 python -m services.gateway_ros2 --settings FILE [--ros-connect tcp/ROBOT:7447] [--connect tcp/127.0.0.1:7447]
+
+With ``--ros-connect`` the identity of the bus is not shown to the robot.
 """
 
 from __future__ import annotations
@@ -10,8 +12,10 @@ from __future__ import annotations
 import argparse
 import os
 import threading
+from pathlib import Path
 
 from cdff_common.bus import Bus
+from cdff_common.bus.identity import Identity
 from cdff_common.extras import import_extra
 from cdff_common.heartbeat import add_check
 from cdff_common.process import cap_threads, run_service
@@ -27,6 +31,12 @@ def main(argv: list[str] | None = None) -> int:
         default=os.environ.get("CDFF_ROS_CONNECT"),
         help="endpoint of the robot's rmw_zenohd; default: CDFF_ROS_CONNECT, else the router of the bus",
     )
+    parser.add_argument(
+        "--ros-identity",
+        default=os.environ.get("CDFF_ROS_IDENTITY"),
+        help="folder with ca.crt, identity.crt and identity.key for a tls/ endpoint of the robot; "
+        "default: CDFF_ROS_IDENTITY",
+    )
     args = parser.parse_args(argv)
     cap_threads(1)
 
@@ -38,9 +48,17 @@ def main(argv: list[str] | None = None) -> int:
 
         settings = load_settings(args.settings, Ros2Settings, args.robot)
         robot_connect = args.ros_connect or args.connect
+        identity = Identity.read(Path(args.ros_identity)) if args.ros_identity else None
         with (
             gateway_connections(args.connect, SERVICE, stop) as (bus, client),
-            Bus.open(robot_connect, name=f"{SERVICE} robot", wait_s=None, stop=stop) as robot_bus,
+            Bus.open(
+                robot_connect,
+                name=f"{SERVICE} robot",
+                wait_s=None,
+                stop=stop,
+                identity=identity,
+                is_anonymous=bool(args.ros_connect),
+            ) as robot_bus,
         ):
             gateway = Gateway(settings, bus, robot_bus, client)
             add_check(robot_bus.loops.problem)

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
 from typing import Any
 
@@ -18,14 +18,16 @@ from services.gateway_ros2.actions import ActionServer, Goal
 from services.gateway_ros2.parameters import ParameterServer
 from services.gateway_ros2.robot_node import RobotNode
 from services.gateway_ros2.settings import Ros2Settings
-from services.gateways.frames import FrameNames
-from services.gateways.inputs import InputLink, links_by_topic
+from services.gateways.clock_topic import ClockTopic
+from services.gateways.dpm_frames import DpmFrames
+from services.gateways.frames import FrameNames, FrameTree
+from services.gateways.input_links import links_by_topic
+from services.gateways.inputs import InputLink
 from services.gateways.outputs import connect_outputs
 from services.gateways.request_types import ACTIONS, SERVICES
 from services.gateways.requests import ProductRequests
 from services.gateways.settings import RequestEntry
 from services.gateways.status import status_of
-from services.ros_messages.conversions import CAMERA_INFO
 from services.ros_messages.message_types import RosTypes
 from services.ros_messages.service_types import ActionType, ServiceType
 
@@ -36,6 +38,8 @@ SERVICE = "gateway_ros2"
 _STATUS_S = 1.0
 #: Threads of a service for requests.
 _REQUEST_WORKERS = 4
+#: An input, and the function that takes the messages of one of its topics.
+_Receiver = tuple[InputLink, Callable[[bytes], None]]
 
 
 class Gateway:
@@ -56,11 +60,16 @@ class Gateway:
         self._settings, self._bus, self._client = settings, bus, client
         self._types = RosTypes(2)
         self._node = RobotNode(robot_bus, settings.domain, settings.node, self._types)
-        self._names = FrameNames(settings.robot, settings.frames)
+        self._names = FrameNames(settings.robot, settings.frames, settings.origins)
+        self._tree = FrameTree()
+        self._frames = DpmFrames(bus, settings.robot, self._tree)
+        self._clock = ClockTopic(bus.mission_clock, self._types, self._node) if settings.clock else None
         self._type_conflicts: dict[str, str] = {}
         self._subscriptions: dict[str, Subscription] = {}
         self._inputs = self._make_inputs()
-        self._outputs = connect_outputs(settings.outputs, self._names, self._types, self._node, bus)
+        self._outputs = connect_outputs(
+            settings.outputs, self._names, self._types, self._node, bus, self._tree
+        )
         self._actions: list[ActionServer] = []
         self._requests = [self._serve(entry) for entry in settings.requests]
         self._parameters = ParameterServer(self._node, settings.robot, settings.parameters, bus)
@@ -73,6 +82,9 @@ class Gateway:
                 stack.callback(link.close)
             for action in self._actions:
                 stack.callback(action.close)
+            self._frames.start(stop)
+            if self._clock is not None:
+                self._clock.start(self._bus.loops, stop)
             while True:
                 key = keys.gateway_status(self._settings.robot, SERVICE)
                 self._bus.publish_latched(key, self.status())
@@ -90,26 +102,30 @@ class Gateway:
         return {
             "node": self._node.node.name,
             **links,
+            "frame_tree": self._tree.to_map(),
             "parameters": self._parameters.to_map(),
             "type_conflicts": dict(self._type_conflicts),
         }
 
     def _make_inputs(self) -> list[InputLink]:
-        by_topic = links_by_topic(self._settings.inputs, self._names, self._types, self._bus)
+        by_topic = links_by_topic(self._settings.inputs, self._names, self._types, self._bus, self._tree)
+        links = [link for same in by_topic.values() for link in same]
         for topic, same in by_topic.items():
             entry = same[0].entry
-            receive = _receiver(same, self._node, self._node.hash_of(entry.type))
-            quality, depth = entry.service_quality, entry.queue
-            self._subscriptions[topic] = self._node.subscribe(topic, entry.type, quality, receive, depth)
-            if entry.camera_info is not None:
-                self._subscribe_calibration(same[0], entry.camera_info, quality)
-        return [link for links in by_topic.values() for link in links]
+            receivers: list[_Receiver] = [(link, link.on_message) for link in same]
+            self._subscriptions[topic] = self._subscribe(topic, entry.type, receivers, entry.queue)
+        for link in links:
+            for further in link.further_topics:
+                receivers = [(link, further.receive)]
+                self._subscribe(further.topic, further.type_name, receivers, further.queue)
+        return links
 
-    def _subscribe_calibration(self, link: InputLink, topic: str, quality: str) -> None:
-        def on_message(message: Message) -> None:
-            link.on_camera_info(message.payload)
-
-        self._node.subscribe(topic, CAMERA_INFO, quality, on_message, 1)
+    def _subscribe(
+        self, topic: str, type_name: str, receivers: Sequence[_Receiver], queue: int
+    ) -> Subscription:
+        receive = _receiving(receivers, self._node, type_name)
+        quality = receivers[0][0].entry.service_quality
+        return self._node.subscribe(topic, type_name, quality, receive, queue)
 
     def _serve(self, entry: RequestEntry) -> ProductRequests:
         """Declare the service or action of an entry."""
@@ -157,7 +173,7 @@ class Gateway:
         if len(chunks) != 13:
             return
         topic, kind = chunks[9].replace("%", "/"), chunks[10]
-        expected = {link.entry.topic: link.entry.type for link in self._inputs}
+        expected = {topic: link.entry.type for link in self._inputs for topic in link.entry.topics}
         if topic not in expected or kind == rmw_zenoh.dds_type(expected[topic]):
             return
         if is_alive:
@@ -167,18 +183,19 @@ class Gateway:
             self._type_conflicts.pop(topic, None)
 
 
-def _receiver(links: list[InputLink], node: RobotNode, type_hash: str) -> Callable[[Message], None]:
+def _receiving(receivers: Sequence[_Receiver], node: RobotNode, type_name: str) -> Callable[[Message], None]:
     """Return the callback of a subscription, which passes messages of the right type to links."""
+    type_hash = node.hash_of(type_name)
 
     def receive(message: Message) -> None:
         if node.is_own(message.attachment):
             return
         found = message.key.rpartition("/")[2]
-        for link in links:
+        for link, take in receivers:
             if found not in (type_hash, rmw_zenoh.NO_HASH):
                 link.counters.receive(len(message.payload))
-                link.drop("type_hash", f"type hash {found}, expected {type_hash} of {link.entry.type}")
+                link.drop("type_hash", f"type hash {found}, expected {type_hash} of {type_name}")
             else:
-                link.on_message(message.payload)
+                take(message.payload)
 
     return receive

@@ -7,9 +7,12 @@ from __future__ import annotations
 import threading
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 from cdff_common.contract.foreign_names import frame_name
 from cdff_common.errors import InputError
+from cdff_common.geodesy import Anchor, body
+from services.ros_messages.fixes import EARTH, LocalFrame
 
 #: Most frames of a tree.
 _MAX_FRAMES = 1000
@@ -19,11 +22,18 @@ _MAX_FRAMES = 1000
 class FrameNames:
     """Frames of CDFF by their ``frame_id`` of the robot.
 
-    Without an entry ``lidar`` is ``{robot}/lidar``, and back.
+    Without an entry ``lidar`` is ``{robot}/lidar``, and back. ``origins`` are the longitude and latitude
+    (degrees) and the height above the ellipsoid of WGS 84 (metres) of frames of CDFF with x east and y north.
     """
 
     robot: str
     frames: Mapping[str, str] = field(default_factory=dict)
+    origins: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
+
+    def local_frame(self, frame: str) -> LocalFrame | None:
+        """Return a frame of CDFF with its location; None if that is not stated."""
+        origin = self.origins.get(frame)
+        return None if origin is None else LocalFrame(frame, Anchor(body(EARTH), *origin))
 
     def of_robot(self, frame: str) -> str:
         """Return the ``frame_id`` of a frame of CDFF."""
@@ -38,23 +48,48 @@ class FrameNames:
 
 
 class FrameTree:
-    """Frames of transforms: each has one parent, and none is below itself."""
+    """Frames of transforms: each has one parent, and none is below itself.
+
+    It holds the transforms of the robot and those that the gateway publishes, by their names in CDFF, and the
+    fixed frames of the DPM, such as the mounts of sensors.
+    """
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._parents: dict[str, str] = {}
+        self._dpm: dict[str, str] = {}
 
-    def add(self, parent: str, child: str) -> None:
-        """Add an edge; raises InputError if its child has another parent or is above its parent."""
+    def update_dpm(self, parents: Mapping[str, str]) -> None:
+        """Replace the fixed frames of the DPM, parent by child."""
         with self._lock:
-            known = self._parents.get(child, parent)
-            if known != parent:
-                raise InputError(f"frame {child} below {parent}: it is already below {known}")
+            self._dpm = dict(parents)
+
+    def add(self, parent: str, child: str, *, with_dpm: bool = False) -> None:
+        """Add an edge, and with ``with_dpm`` compare it with the frames of the DPM, too.
+
+        Raises
+        ------
+        InputError
+            If its child has another parent or is above its parent.
+        """
+        with self._lock:
+            known, where = self._parents.get(child), ""
+            if known is None and with_dpm:
+                known, where = self._dpm.get(child), " in the DPM"
+            if known not in (None, parent):
+                raise InputError(f"frame {child} below {parent}: it is already below {known}{where}")
             above: str | None = parent
-            while above is not None:
+            visited: set[str] = set()
+            while above is not None and above not in visited:
                 if above == child:
                     raise InputError(f"frame {child} below {parent}: {parent} is below {child}, a loop")
-                above = self._parents.get(above)
+                visited.add(above)
+                above = self._parents.get(above) or (self._dpm.get(above) if with_dpm else None)
             if child not in self._parents and len(self._parents) >= _MAX_FRAMES:
                 raise InputError(f"frame {child}: expected at most {_MAX_FRAMES} frames")
             self._parents[child] = parent
+
+    def to_map(self) -> dict[str, Any]:
+        """Return the parents by child, and the number of the fixed frames of the DPM."""
+        with self._lock:
+            return {"parents": dict(self._parents), "dpm_frames": len(self._dpm)}

@@ -4,9 +4,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from rosbags.serde import SerdeError
@@ -18,6 +18,7 @@ from services.gateways.frames import FrameNames, FrameTree
 from services.gateways.sample_link import CONVERSION_ERRORS, SampleLink
 from services.gateways.settings import InputTopic
 from services.ros_messages.conversions import CAMERA_INFO, CONVERSIONS
+from services.ros_messages.fixes import FIX, no_position
 from services.ros_messages.maps import header_of
 from services.ros_messages.message_types import RosTypes
 from services.ros_messages.topics import Topic
@@ -38,6 +39,15 @@ class _RobotTopic(Topic):
         return self.frames.get(frame_id) or super(_RobotTopic, self).frame(frame_id)
 
 
+class FurtherTopic(NamedTuple):
+    """A second topic of an input, such as that of the calibration of a camera: ``receive`` takes messages."""
+
+    topic: str
+    type_name: str
+    receive: Callable[[bytes], None]
+    queue: int
+
+
 class InputLink(SampleLink):
     """A topic and the sensor stream that it becomes.
 
@@ -49,16 +59,25 @@ class InputLink(SampleLink):
     bus : Bus
         Bus of the samples.
     tree : FrameTree
-        Frames of all transforms of the robot's frame trees.
+        Frames of all transforms of the robot, the gateway and the DPM.
     """
 
     def __init__(
         self, entry: InputTopic, names: FrameNames, ros_types: RosTypes, bus: Bus, tree: FrameTree
     ) -> None:
         conversion = CONVERSIONS[entry.type]
-        super().__init__(entry, entry.topic, conversion.type_name, names.robot, bus)
+        type_name = conversion.type_name if entry.right is None else "FramePair"
+        super().__init__(entry, entry.topic, type_name, names.robot, bus)
         self.entry, self._ros_types, self._tree, self._names = entry, ros_types, tree, names
-        self._topic = _RobotTopic(entry.topic, names.robot, conversion, frames=names.frames)
+        local = names.local_frame(entry.frame) if entry.type == FIX else None
+        frames = dict(names.frames) if local is None else {**names.frames, local.frame_id: entry.frame}
+        self._topic = _RobotTopic(entry.topic, names.robot, conversion, local_frame=local, frames=frames)
+
+    @property
+    def further_topics(self) -> list[FurtherTopic]:
+        """Topics that the conversion of the messages of the first one needs."""
+        calibration = self.entry.camera_info
+        return [] if calibration is None else [FurtherTopic(calibration, CAMERA_INFO, self.on_camera_info, 1)]
 
     def on_camera_info(self, data: bytes) -> None:
         """Take the calibration for the images that follow."""
@@ -86,6 +105,8 @@ class InputLink(SampleLink):
     def _part(self, decoded: Any) -> Any:
         """Return the message, or of a frame tree the transform between the frames of the entry, or None."""
         split = self._topic.conversion.split
+        if self.entry.type == FIX and (reason := no_position(decoded)):
+            raise InputError(f"a position {reason}")
         if split is None:
             return decoded
         found = None
@@ -96,7 +117,7 @@ class InputLink(SampleLink):
             )
             is_listed = (parent, child) == (self.entry.frame, self.entry.child)
             try:
-                self._tree.add(parent, child)
+                self._tree.add(parent, child, with_dpm=is_listed)
             except InputError as error:
                 self.drop("frame_tree", str(error))
             else:
@@ -105,7 +126,7 @@ class InputLink(SampleLink):
 
     def _converted(self, message: Any) -> tuple[Any, tuple[str, str | None], int]:
         """Return a message as a value, its frames and its stamp."""
-        stamp_ns = _stamp_ns(message)
+        stamp_ns = stamp_of(message)
         with np.errstate(over="ignore", invalid="ignore"):  # values that are not finite are refused
             value, frame, child = self._topic.conversion.convert(message, self._topic, stamp_ns)
         return value, (frame, child), stamp_ns
@@ -117,28 +138,17 @@ class InputLink(SampleLink):
         try:
             message = self._ros_types.deserialize(data, type_name)
             if self._topic.conversion.split is None:
-                _stamp_ns(message)
+                stamp_of(message)
         except (CdffError, *DECODER_ERRORS) as error:
             self.drop("decoding", f"{len(data)} bytes of {type_name}: {error}")
             return None
         return message
 
 
-def _stamp_ns(message: Any) -> int:
+def stamp_of(message: Any) -> int:
     """Return the stamp of a message, a multiple of 1 µs; raises InputError without one."""
     stamp = header_of(message).stamp
     stamp_ns: int = (stamp.sec * _NS_PER_S + stamp.nanosec) // 1000 * 1000
     if not 0 < stamp_ns <= MAX_STAMP_NS:
         raise InputError(f"stamp {stamp_ns} ns: expected a time of capture since 1970")
     return stamp_ns
-
-
-def links_by_topic(
-    entries: Sequence[InputTopic], names: FrameNames, ros_types: RosTypes, bus: Bus
-) -> dict[str, list[InputLink]]:
-    """Return the links of each topic; their frame trees are checked together."""
-    tree = FrameTree()
-    links: dict[str, list[InputLink]] = {}
-    for entry in entries:
-        links.setdefault(entry.topic, []).append(InputLink(entry, names, ros_types, bus, tree))
-    return links

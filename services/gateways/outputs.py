@@ -18,6 +18,7 @@ from services.gateways.settings import TF, OutputTopic
 from services.ros_messages.conversions import IMAGES
 from services.ros_messages.encoders import encoder, transform_message
 from services.ros_messages.encoding import Outgoing, Target
+from services.ros_messages.fixes import FIX, LocalFrame
 from services.ros_messages.message_types import RosTypes
 
 
@@ -55,7 +56,7 @@ class OutputLink(ProductLink):
     ros_types : RosTypes
     publisher : Publisher
     tree : FrameTree
-        Frames of all transforms that the gateway publishes.
+        Frames of all transforms of the robot, the gateway and the DPM.
     static : StaticTransforms
         Latched transforms of all its topics.
     """
@@ -88,16 +89,27 @@ class OutputLink(ProductLink):
             self._names.of_robot,
             self._names.frames,
             self._cameras,
+            self._local_frame(value),
         )
         if self.entry.type == TF:
             return (self._frame_tree(value, target, header.t1_ns),)
         encode = encoder(value.ASN1_NAME, self.entry.type)
         return tuple(encode(value, target, self._ros_types, header.t1_ns).messages)
 
+    def _local_frame(self, value: Any) -> LocalFrame | None:
+        """Return the located frame of a position; raises InputError if it has no location."""
+        if self.entry.type != FIX:
+            return None
+        frame = value.parent_frame if isinstance(value, TransformWithCovariance) else ""
+        local = self._names.local_frame(frame)
+        if local is None:
+            raise InputError(f"frame {frame!r} as {FIX}: expected an entry under origins in the settings")
+        return local
+
     def _frame_tree(self, value: Any, target: Target, stamp_ns: int) -> Outgoing:
         if not isinstance(value, TransformWithCovariance):
             raise InputError(f"a {type(value).__name__} as {TF}: expected a TransformWithCovariance")
-        self._tree.add(value.parent_frame, value.child_frame)
+        self._tree.add(value.parent_frame, value.child_frame, with_dpm=True)
         transform = transform_message(value, target, self._ros_types, stamp_ns)
         is_static = self.entry.is_latched
         transforms = self._static.merged(self.entry.topic, transform) if is_static else [transform]
@@ -106,10 +118,15 @@ class OutputLink(ProductLink):
 
 
 def connect_outputs(
-    entries: Sequence[OutputTopic], names: FrameNames, ros_types: RosTypes, publisher: Publisher, bus: Bus
+    entries: Sequence[OutputTopic],
+    names: FrameNames,
+    ros_types: RosTypes,
+    publisher: Publisher,
+    bus: Bus,
+    tree: FrameTree,
 ) -> list[OutputLink]:
     """Declare the topics of outputs, and subscribe to the products that become their messages."""
-    tree, static = FrameTree(), StaticTransforms()
+    static = StaticTransforms()
     links = [OutputLink(entry, names, ros_types, publisher, tree, static) for entry in entries]
     for link in links:
         entry = link.entry

@@ -14,6 +14,7 @@ from cdff_common.cli import add_connect_option
 from cdff_common.client import Client
 from cdff_common.errors import ConfigurationError
 from cdff_common.heartbeat import add_check
+from cdff_common.memory import reuse_large_blocks
 
 
 def add_gateway_options(parser: argparse.ArgumentParser) -> None:
@@ -34,6 +35,7 @@ def address_of(text: str, default_port: int) -> tuple[str, int]:
 @contextmanager
 def gateway_connections(connect: str | None, service: str, stop: Event) -> Iterator[tuple[Bus, Client]]:
     """Yield a bus, whose threads the heartbeat checks, and a client for requests."""
+    reuse_large_blocks()
     with (
         Bus.open(connect, name=service, wait_s=None, stop=stop) as bus,
         Client(connect, name=service) as client,

@@ -10,11 +10,12 @@ from pydantic import Field, PositiveFloat, model_validator
 
 from cdff_common.contract.products import requestable_products
 from cdff_common.interfaces.dfn import StrictModel
-from cdff_common.interfaces.sensor_profile import Name
+from cdff_common.interfaces.sensor_profile import FrameId, Name
 from services.gateways.request_types import ACTIONS, SERVICES
 from services.gateways.stream_settings import InputStream, OutputStream, RobotSettings
-from services.ros_messages.conversions import CONVERSIONS, FRAME_TREES
+from services.ros_messages.conversions import CONVERSIONS, FRAME_TREES, IMAGES
 from services.ros_messages.encoders import ENCODERS
+from services.ros_messages.fixes import FIX
 from services.ros_messages.mapping import mapping_table
 from services.ros_messages.maps import GRID_MAP, OCCUPANCY_GRID
 from services.ros_messages.message_types import BITSTREAM
@@ -29,6 +30,12 @@ _MAPS = (OCCUPANCY_GRID, GRID_MAP)
 #: Topic of the transforms that do not change.
 STATIC_TRANSFORMS = "/tf_static"
 
+#: Longitude and latitude, degrees, and height, metres.
+Origin = tuple[
+    Annotated[float, Field(ge=-180.0, le=360.0)],
+    Annotated[float, Field(ge=-90.0, le=90.0)],
+    Annotated[float, Field(ge=-1e6, le=1e6)],
+]
 Topic = Annotated[str, Field(pattern=r"^(/[A-Za-z_][A-Za-z0-9_]*)+$", max_length=255)]
 
 
@@ -42,6 +49,9 @@ class InputTopic(InputStream):
         may be listed several times, once for each transform.
     camera_info : str or None
         For images the topic of the calibration.
+    right, right_camera_info : str or None
+        For the left images of a stereo camera the topics of the right images, of the same type, and of their
+        calibration. The samples are pairs; the calibrations are required.
     qos : "sensor_data", "default" or "latched"
         Quality of service of the subscription. Latched, the default for ``/tf_static`` and maps, receives the
         last message from before the start of the gateway.
@@ -52,6 +62,8 @@ class InputTopic(InputStream):
     topic: Topic
     type: str
     camera_info: Topic | None = None
+    right: Topic | None = None
+    right_camera_info: Topic | None = None
     qos: Literal["sensor_data", "default", "latched"] | None = None
     queue: Annotated[int, Field(ge=1, le=1000)] = 16
 
@@ -59,7 +71,20 @@ class InputTopic(InputStream):
     def _type_is_known(self) -> InputTopic:
         if self.type not in _INCOMING:
             raise ValueError(f"type {self.type!r}: expected one of {', '.join(sorted(_INCOMING))}")
+        stereo = (self.right, self.right_camera_info)
+        if any(stereo) and not (all(stereo) and self.camera_info is not None and self.type in IMAGES):
+            raise ValueError("a stereo camera: expected images, right, camera_info and right_camera_info")
         return self
+
+    @property
+    def topics(self) -> list[str]:
+        """Topics of messages that become samples."""
+        return [self.topic] if self.right is None else [self.topic, self.right]
+
+    @property
+    def calibrations(self) -> list[str]:
+        """Topics of calibrations."""
+        return [topic for topic in (self.camera_info, self.right_camera_info) if topic is not None]
 
     @property
     def is_frame_tree(self) -> bool:
@@ -155,6 +180,11 @@ class GatewaySettings(RobotSettings):
         Empty: the robot can request nothing.
     parameters : mapping of DFPC to list of str
         Parameters of DFPCs that are parameters of the node. Empty: the robot can change none.
+    origins : mapping of frame to (longitude, latitude, height)
+        Locations of frames on the Earth, degrees and metres above the ellipsoid of WGS 84; x is east, y is
+        north.
+    clock : bool
+        Publish the mission clock as ``/clock``, for nodes with ``use_sim_time``.
     """
 
     node: Name = "cdff_gateway"
@@ -162,20 +192,28 @@ class GatewaySettings(RobotSettings):
     outputs: tuple[OutputTopic, ...] = ()
     requests: tuple[RequestEntry, ...] = ()
     parameters: dict[str, tuple[str, ...]] = {}
+    origins: dict[FrameId, Origin] = {}
+    clock: bool = False
 
     @model_validator(mode="after")
     def _is_unambiguous(self) -> GatewaySettings:
-        incoming = [entry.topic for entry in self.inputs if not entry.is_frame_tree]
+        incoming = [topic for entry in self.inputs if not entry.is_frame_tree for topic in entry.topics]
         trees = {entry.topic for entry in self.inputs if entry.is_frame_tree}
         streams = [entry.stream for entry in self.inputs]
         for what, names in (("topic", [*incoming, *trees]), ("stream", streams)):
             if len(set(names)) != len(names):
                 raise ValueError(f"inputs have a {what} twice: {', '.join(names)}")
-        calibrations = {entry.camera_info for entry in self.inputs}
+        calibrations = {topic for entry in self.inputs for topic in entry.calibrations}
         if both := sorted({*incoming, *trees} & calibrations):
             raise ValueError(f"topic {both[0]} is an input and a camera_info: expected two topics")
         self._check_directions({*incoming, *trees})
         self._check_outputs()
+        unlocated = [e for e in self.inputs if e.type == FIX and (e.frame not in self.origins or not e.child)]
+        if unlocated:
+            raise ValueError(
+                f"input {unlocated[0].topic}: expected the location of frame {unlocated[0].frame} under "
+                "origins, and the frame of the receiver as child"
+            )
         names = [entry.name for entry in self.requests]
         if len(set(names)) != len(names):
             raise ValueError(f"requests have a name twice: {', '.join(names)}")

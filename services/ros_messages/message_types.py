@@ -106,4 +106,4 @@ class RosTypes:
         """Return the message in bytes; raises errors of rosbags and of Python on others."""
         if self.version == 1:
             return self.store.deserialize_ros1(data, type_name)
-        return self.store.deserialize_cdr(data, type_name)
+        return self.store.deserialize_cdr(memoryview(data), type_name)  # whose slices are no copies

@@ -19,10 +19,12 @@ import pytest
 from cdff_common.bus import Bus, Message, keys
 from cdff_common.clock import wall_ns
 from cdff_common.geometry import UncertainTransform, se3
-from cdff_common.types import TransformWithCovariance
+from cdff_common.types import FramePair, TransformWithCovariance
 from cdff_dev.ports import free_port
 from services.dfpc_host.inputs import decode_sample
 from services.gateway_ros2 import rmw_zenoh
+from services.ros_messages.encoding import Target
+from services.ros_messages.image_encoders import pair_images
 from services.ros_messages.message_types import RosTypes
 from services.ros_messages.type_hashes import message_hash
 from tests.integration.conftest import Spawn, wait_until
@@ -237,6 +239,47 @@ def test_sensors_of_the_robot_become_samples_and_products_become_topics(bus: Bus
 
 
 @pytest.mark.usefixtures("gateway")
+def test_images_of_two_cameras_and_positions_become_pairs_and_poses(bus: Bus) -> None:
+    robot = Robot(bus)
+    samples: dict[str, list[Message]] = {}
+    for stream in ("nav/pair", "gnss/fix"):
+        bus.subscribe(keys.sensor("mana", *stream.split("/")), samples.setdefault(stream, []).append)
+    images = np.random.default_rng(0).integers(0, 255, (2, 30, 40)).astype(np.uint8)
+    K = np.array([[40.0, 0.0, 20.0], [0.0, 40.0, 15.0], [0.0, 0.0, 1.0]])
+    target = Target("/nav", "mana", "mana/nav_left", lambda frame: frame.removeprefix("mana/"), {}, {})
+
+    def exchanged() -> bool:
+        stamp_ns = wall_ns() // 1000 * 1000
+        pair = FramePair.from_images(
+            *images, baseline_m=0.25, camera_matrix=K, stamp_ns=stamp_ns, sensor="mana/nav_left"
+        )
+        for out in pair_images(pair, target, robot.types, stamp_ns).messages:
+            robot.publish(out.topic, out.type_name, out.message)
+        fix = robot.types.make(
+            "sensor_msgs/NavSatFix",
+            header=robot.types.header(stamp_ns, "gnss"),
+            status=robot.types.make("sensor_msgs/NavSatStatus", status=0, service=1),
+            latitude=43.57,
+            longitude=1.48,
+            altitude=152.0,
+            position_covariance=np.diag([4.0, 9.0, 16.0]).ravel(),
+            position_covariance_type=2,
+        )
+        robot.publish("/fix", "sensor_msgs/msg/NavSatFix", fix)
+        return all(samples.values())
+
+    wait_until(exchanged, 20.0, "a pair and a position")
+    pair = decode_sample(samples["nav/pair"][0], "pair", "FramePair")
+    assert pair.frame == "mana/nav_left"
+    np.testing.assert_array_equal(pair.value.left.image, images[0])
+    np.testing.assert_array_equal(pair.value.right.image, images[1])
+    assert pair.value.baseline == pytest.approx(0.25)
+    fix = decode_sample(samples["gnss/fix"][0], "fix", "TransformWithCovariance")
+    assert (fix.frame, fix.child) == ("site", "mana/gnss")
+    np.testing.assert_allclose(fix.value.data.translation, [0.0, 0.0, 2.0], atol=1e-3)
+
+
+@pytest.mark.usefixtures("gateway")
 def test_the_page_shows_how_to_read_the_status(
     endpoint: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -338,3 +381,5 @@ def test_cdff_up_starts_the_gateway_of_a_profile_and_the_dpm_has_its_metrics(
 
     start = 'cdff_gateway_received_total{robot="mana",gateway="gateway_ros2",direction="in",topic="/imu/data"'
     wait_until(lambda: start in metrics(), 90.0, "the DPM has the counters of the gateway")
+    with Bus.open(endpoint, name="test") as bus:
+        wait_until(lambda: status(bus)["frame_tree"]["dpm_frames"] == 1, 30.0, "the frames of the DPM")

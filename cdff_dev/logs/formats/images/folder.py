@@ -13,6 +13,7 @@ import numpy as np
 
 from cdff_common.camera import CameraModel, check_image_size, read_camera, read_depth_unit
 from cdff_common.errors import InputError
+from cdff_core.imaging.pair_rectifier import PAIR_TOLERANCE_NS
 from cdff_dev.logs.file_stamps import file_stamps
 from cdff_dev.logs.formats.images.attitude import given_attitude_stream
 from cdff_dev.logs.formats.images.attitudes import attitude_stream
@@ -27,7 +28,6 @@ from cdff_dev.logs.image_streams import IMAGE_SUFFIXES, Stamps, depth_stream, fr
 from cdff_dev.logs.indexed import IndexedLog, IndexedStream
 from cdff_dev.logs.other_files import other_files
 from cdff_dev.logs.source import Unconverted
-from cdff_dev.logs.stereo_pairs import PAIR_TOLERANCE_NS
 
 ROBOT = "robot"
 PAIR = f"/{ROBOT}/navcam.pair"

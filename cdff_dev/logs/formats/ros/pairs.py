@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cdff_core.imaging.pair_rectifier import PAIR_TOLERANCE_NS
 from cdff_dev.logs.formats.ros.stereo import StereoTopics
 from cdff_dev.logs.source import Unconverted
-from cdff_dev.logs.stereo_pairs import PAIR_TOLERANCE_NS, matched_stamps
+from cdff_dev.logs.stereo_pairs import matched_stamps
 
 _Index = tuple[NDArray[Any], NDArray[np.int64], dict[str, Unconverted]]
 

@@ -20,8 +20,10 @@ from cdff_common.errors import InputError
 from cdff_common.geometry import se3
 from cdff_common.geometry.se3 import FloatArray
 from cdff_common.types import FramePair
-from cdff_dev.logs.stereo_pairs import PairRectifier, counterpart
-from services.ros_messages.images import camera_matrix, camera_model, grey_pixels, pixels
+from cdff_core.imaging.pair_rectifier import PairRectifier
+from cdff_dev.logs.stereo_pairs import counterpart
+from services.ros_messages.images import camera_model, grey_pixels, pixels
+from services.ros_messages.stereo_cameras import pose_of_calibrations
 from services.ros_messages.topics import Topic, namespace
 
 #: Poses of child frames in their parents: child -> (parent, T_parent_child).
@@ -115,7 +117,7 @@ def stereo_topics(
     image, mode = pixels(first[0])
     rows, cols = image.shape[:2]
     check_image_size(left_camera, rows, cols, left.name)
-    T_right_left = _pose_of_calibrations(left, right) if named is None else named.T_right_left
+    T_right_left = pose_of_calibrations(left, right) if named is None else named.T_right_left
     if T_right_left is None:
         T_right_left = _pose_of_tree(tree(), *frame_ids)
     if T_right_left is None:
@@ -130,31 +132,6 @@ def stereo_topics(
     rectifier = PairRectifier(stereo, frame)
     is_lossless = rectifier.is_identity and mode == "GRAY"
     return StereoTopics(stream, left, right, rectifier, frame, is_lossless)
-
-
-def _pose_of_calibrations(left: Topic, right: Topic) -> FloatArray | None:
-    """Return T_right_left of the matrices R and P; None if P has no baseline.
-
-    P of a rectified camera is ``[K | K t]`` with the position ``-t`` of its centre in the frame of the
-    rectified left camera. R rotates from the camera to the rectified camera.
-    """
-    projections = [camera_matrix(topic.camera, "p") for topic in (left, right)]
-    offsets_m = [0.0 if P is None or not P[0, 0] else float(P[0, 3] / P[0, 0]) for P in projections]
-    offset_m = offsets_m[1] - offsets_m[0]
-    if offset_m == 0.0 or not np.isfinite(offset_m):
-        return None
-    T_rectified = se3.transform(np.eye(3), np.array([offset_m, 0.0, 0.0]))
-    if left.is_rectified:
-        return T_rectified
-    rotations = [_rotation(topic) for topic in (left, right)]
-    return np.asarray(se3.inverse(rotations[1]) @ T_rectified @ rotations[0])
-
-
-def _rotation(topic: Topic) -> FloatArray:
-    R = camera_matrix(topic.camera, "r")
-    if R is None or not R.any():
-        return np.eye(4)
-    return se3.transform(R, np.zeros(3))
 
 
 def _pose_of_tree(tree: FrameTree, left: str, right: str) -> FloatArray | None:

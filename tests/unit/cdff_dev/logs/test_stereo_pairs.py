@@ -7,7 +7,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cdff_dev.logs.stereo_pairs import PAIR_TOLERANCE_NS, counterpart, matched_stamps
+from cdff_core.imaging.pair_rectifier import PAIR_TOLERANCE_NS
+from cdff_dev.logs.stereo_pairs import counterpart, matched_stamps
 
 
 @pytest.mark.parametrize(

@@ -4,9 +4,13 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any, ClassVar
+
 import pytest
 
-from cdff_common.errors import InputError
+from cdff_common.errors import InputError, UnavailableError
+from services.gateways.dpm_frames import DpmFrames
 from services.gateways.frames import FrameNames, FrameTree
 
 
@@ -22,6 +26,41 @@ def test_a_frame_with_another_parent_or_below_itself_is_refused() -> None:
     with pytest.raises(InputError, match="a loop"):
         tree.add("mast", "mast")
     tree.add("base", "mast")
+
+
+def test_transforms_are_joined_to_the_fixed_frames_of_the_dpm() -> None:
+    tree = FrameTree()
+    tree.update_dpm({"mana/base": "mana/odom", "mana/mast": "mana/base"})
+    tree.add("mana/footprint", "mana/base")  # of the robot alone: it has frames of its own
+    tree.add("site", "mana/odom", with_dpm=True)
+    with pytest.raises(InputError, match="mana/mast below site: it is already below mana/base in the DPM"):
+        tree.add("site", "mana/mast", with_dpm=True)
+    tree.update_dpm({"mana/mast": "mana/arm", "mana/arm": "mana/base"})
+    with pytest.raises(InputError, match="mana/mast is below mana/footprint, a loop"):
+        tree.add("mana/mast", "mana/footprint", with_dpm=True)
+    assert tree.to_map()["dpm_frames"] == 2
+    assert tree.to_map()["parents"] == {"mana/base": "mana/footprint", "mana/odom": "site"}
+
+
+def test_the_frames_of_the_dpm_are_taken_while_it_answers() -> None:
+    class Calls:
+        """The part of a bus that is used."""
+
+        frames: ClassVar[list[dict[str, str]] | None] = [{"frame": "mana/mast", "parent": "mana/base"}]
+
+        def call(self, key: str, _: object, **__: object) -> Any:
+            assert key == "cdff/@v1/mana/dpm/@rpc/frames"
+            if self.frames is None:
+                raise UnavailableError("no DPM")
+            return SimpleNamespace(body=lambda: {"frames": self.frames})
+
+    bus, tree = Calls(), FrameTree()
+    frames = DpmFrames(bus, "mana", tree)  # type: ignore[arg-type]
+    frames.update()
+    bus.frames = None  # type: ignore[misc]
+    frames.update()
+    with pytest.raises(InputError, match="in the DPM"):
+        tree.add("site", "mana/mast", with_dpm=True)
 
 
 def test_a_tree_has_a_largest_number_of_frames() -> None:

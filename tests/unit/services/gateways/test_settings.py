@@ -20,6 +20,7 @@ from services.ros_messages.message_types import BITSTREAM, RosTypes
 
 _IMU = "{topic: /imu/data, type: sensor_msgs/msg/Imu, stream: imu/sample, frame: mana/imu}"
 _EDGE = "{topic: /tf, type: tf2_msgs/msg/TFMessage, stream: tf/STREAM, frame: mana/odom, child: mana/CHILD}"
+_FIX = "{topic: /fix, type: sensor_msgs/msg/NavSatFix, stream: gnss/fix, frame: site, child: mana/gnss}"
 _TWICE = _IMU.replace("imu/sample", "imu/other")
 
 
@@ -53,6 +54,9 @@ def test_without_outputs_the_gateway_only_reads(tmp_path: Path) -> None:
             "output topic /x is latched for one product and not for another",
         ),
         (f"inputs: [{_IMU.replace('}', ', camera_info: /imu/data}')}]", "is an input and a camera_info"),
+        (f"inputs: [{_IMU.replace('}', ', right: /imu/right}')}]", "a stereo camera: expected images, right"),
+        (f"inputs: [{_FIX}]", "expected the location of frame site under origins"),
+        (f"inputs: [{_FIX}]\norigins: {{site: [1.5, 91.0, 0.0]}}", "origins.site"),
         ("speed: 3", "speed"),
         (f"inputs: [{_IMU.replace('}', ', codec: xer}')}]", "codec"),
         (
