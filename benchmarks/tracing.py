@@ -5,10 +5,10 @@
     python benchmarks/tracing.py [--rounds N] [--seconds S] [--requests-per-s R] [--robots N] [--out FILE]
 
 The stand-in hosts of ``--robots`` rovers store a pose of each rover at ``--rate-hz`` in the DPM, as
-``benchmarks/orchestrator.py`` does; a client sends requests for poses at a constant rate. ``off`` and ``on``
-are systems without and with ``CDFF_TRACES`` (a folder), started one after the other in changing order; the value
-of a round is the CPU time of all processes in ``--seconds``. ``per_request_us`` is the CPU time of the spans
-of one request, measured with requests without a pause.
+``benchmarks/orchestrator.py`` does; a client sends requests for poses at a constant rate. ``off`` and
+``on`` are systems without and with ``CDFF_TRACES`` (a folder), started one after the other in changing order;
+the value of a round is the CPU time of all processes in ``--seconds``. ``per_request_us`` is the CPU time of
+the spans of one request, measured with requests without a pause.
 """
 
 from __future__ import annotations

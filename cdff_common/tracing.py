@@ -2,10 +2,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Traces of requests through the services with OpenTelemetry (extra ``otel``), off by default.
 
-``CDFF_TRACES`` is the URL of a collector (OTLP over HTTP, as ``http://127.0.0.1:4318/v1/traces``), or a folder,
-in which each process writes its spans as lines of OTLP in JSON. A trace starts at a request to the orchestrator;
-of these, ``CDFF_TRACES_RATIO`` (default 1) is the fraction that is traced. Calls carry the W3C context
-``traceparent`` in their attachment, and products in the outbox too. Without ``CDFF_TRACES`` nothing is imported.
+``CDFF_TRACES`` is the URL of a collector (OTLP over HTTP, as ``http://127.0.0.1:4318/v1/traces``),
+or a folder, in which each process writes its spans as lines of OTLP in JSON. A trace starts at a
+request to the orchestrator; of these, ``CDFF_TRACES_RATIO`` (default 1) is the fraction that is
+traced. Calls carry the W3C context ``traceparent`` in their attachment, and products in the outbox
+too. Without ``CDFF_TRACES``, no library is imported.
 """
 
 from __future__ import annotations

@@ -152,7 +152,7 @@ def unpack(data: bytes) -> Any:
 
 
 def with_context(attachment: bytes) -> bytes:
-    """Return an attachment, a MessagePack map or empty, with the context of the current span if there is one."""
+    """Return an attachment, a MessagePack map or empty, with the context of the current span if any."""
     parent = tracing.current()
     if not parent or tracing.PARENT.encode() in attachment:
         return attachment
