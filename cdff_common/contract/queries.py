@@ -498,6 +498,28 @@ class ContactParameters(ContactViewParameters):
     )
 
 
+class ContactFirst(Parameters):
+    """A product of a robot that is sent before all others, over HTTP."""
+
+    robot: Robot = Field(description="Robot that sends it")
+    id: str = Field(max_length=64, description="Product whose record is at the ground")
+
+
+class ContactRequest(Parameters):
+    """A request that is kept for a robot, over HTTP."""
+
+    robot: Robot = Field(description="Robot that executes it")
+    parameters: dict[str, str | int | float] = Field(
+        min_length=1, max_length=64, description="Parameters of the request, as type, region and frame"
+    )
+    expires_s: Annotated[Number, Field(gt=0)] | None = Field(
+        None, description="Time until it expires, default a day"
+    )
+    id: str | None = Field(
+        None, pattern=rf"^{REQUEST_ID}$", description="Name of the request; the same name repeats nothing"
+    )
+
+
 class RequestParameters(Parameters):
     """Parameters of a request to the orchestrator."""
 

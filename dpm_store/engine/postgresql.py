@@ -209,10 +209,15 @@ def list_value(values: Sequence[Any]) -> list[Any]:
 
 
 def listed_products(columns: Sequence[str]) -> Subquery:
-    """Return columns of the products whose ordinals are bound to the list parameter ``ordinals``."""
+    """Return columns of the products whose ordinals are bound to the list parameter ``ordinals``.
+
+    The offset keeps conditions of the query outside: the planner would estimate that an interval of time has
+    few products, and read all of the interval instead of the listed ones.
+    """
     p = schema.products.c
     ordinals = select(func.unnest(bindparam("ordinals", type_=_array(int))))
-    return select(*(p[name] for name in columns)).where(p.ordinal.in_(ordinals)).subquery("listed_products")
+    listed = select(*(p[name] for name in columns)).where(p.ordinal.in_(ordinals))
+    return listed.offset(literal_column("0")).subquery("listed_products")
 
 
 def insert_or_ignore(table: Table) -> Insert:

@@ -59,7 +59,12 @@ class ObjectStore:
             self._api.put(self._store, _MARKER, b"cdff", mode="create")
         except (errors.AlreadyExistsError, errors.PreconditionError):
             return
-        except (errors.PermissionDeniedError, errors.UnauthenticatedError, errors.NotFoundError) as error:
+        except (
+            errors.PermissionDeniedError,
+            errors.UnauthenticatedError,
+            errors.NotFoundError,
+            FileNotFoundError,
+        ) as error:
             raise ConfigurationError(
                 f"payloads {self._url}: {_first_line(error)}; create the bucket, and check AWS_ACCESS_KEY_ID "
                 "and AWS_SECRET_ACCESS_KEY"

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from sqlalchemy import inspect, text
+from sqlalchemy import inspect, select, text
 
 from cdff_common.clock import ManualClock
 from cdff_common.errors import ConfigurationError, StorageError
@@ -156,6 +156,73 @@ def test_a_store_with_wrong_keys_is_refused(
         monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "wrong")
         with pytest.raises(ConfigurationError, match="AWS_SECRET_ACCESS_KEY"):
             open_store(durable.url("a", tmp_path / "data", f"s3://{seaweedfs.BUCKET}/a"))
+
+
+@pytest.mark.slow
+def test_a_refused_user_and_a_missing_database_are_reported_without_the_password(
+    durable: postgresql.Cluster, tmp_path: Path
+) -> None:
+    url = durable.url("a", tmp_path / "data")
+    for wrong, reason in (
+        (url.replace(f"{postgresql.USER}@", "other:secret@"), 'role "other" does not exist'),
+        (durable.url("missing", tmp_path / "data"), 'database "missing" does not exist'),
+    ):
+        with pytest.raises(StorageError, match=reason) as refused:
+            open_store(wrong)
+        assert "secret" not in str(refused.value)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("revision", "message"),
+    [("r9", r"schema r9, this version reads up to r1; open it with a newer version"), ("0004", "unreleased")],
+)
+def test_a_database_of_another_version_is_refused_and_unchanged(
+    durable: postgresql.Cluster, tmp_path: Path, clock: ManualClock, revision: str, message: str
+) -> None:
+    url = durable.url("a", tmp_path / "data")
+    with open_store(url, clock) as store:
+        put(store, header(0))
+    durable.execute(f"UPDATE alembic_version SET version_num = '{revision}'", "a")
+    with pytest.raises(ConfigurationError, match=message):
+        open_store(url, clock)
+    durable.execute("UPDATE alembic_version SET version_num = 'r1'", "a")
+    with open_store(url, clock) as store:
+        assert store.get(header(0).id)
+
+
+@pytest.mark.slow
+def test_processes_whose_clocks_differ_write_one_history(durable: postgresql.Cluster, tmp_path: Path) -> None:
+    hour_ns = 3_600_000_000_000
+    ahead, behind = ManualClock(10 * hour_ns), ManualClock(9 * hour_ns)
+    url = durable.url("a", tmp_path / "first")
+    other = durable.url("a", tmp_path / "second")
+    with open_store(url, ahead) as first, open_store(other, behind) as second:
+        for seq, store in enumerate((first, second, first, second)):
+            put(store, header(seq))
+        for store in (first, second):
+            events = store.events.since(kind="inserted")
+            assert [event.body["id"] for event in events] == [header(seq).id for seq in range(4)]
+            assert len({event.ordinal for event in events}) == 4
+            assert store.verify() == ()
+
+
+@ON_SERVER
+def test_conditions_on_listed_products_do_not_replace_the_list_by_an_interval_of_time(
+    store: Store, engine: str
+) -> None:
+    put(store, header(0))
+    listed = store._database.dialect.listed_products(["ordinal", "product", "t1_ns"])
+    statement = select(listed.c.ordinal).where(listed.c.product == "dem", listed.c.t1_ns >= 0)
+    with store._database.read() as connection:
+        connection.execute(text("SET LOCAL enable_seqscan = off"))
+        compiled = statement.compile(connection.engine)
+        plan = connection.exec_driver_sql(
+            f"EXPLAIN {compiled}", {**compiled.params, "ordinals": list(range(30))}
+        )
+        lines = "\n".join(line for (line,) in plan)
+    assert "Filter: ((listed_products.t1_ns >= " in lines
+    assert "products_by_type" not in lines
 
 
 @pytest.mark.parametrize(
