@@ -139,8 +139,15 @@ class RobotNode:
     def publish(self, out: Outgoing, *, latched: bool) -> None:
         """Publish a message."""
         self.declare_publisher(out.topic, out.type_name, latched=latched)
-        data = bytes(self.types.serialize(out.message, out.type_name))
-        self._writers[out.topic, out.type_name].write(self._raw.of(out.type_name)(data))
+        self.publish_bytes(out.topic, out.type_name, bytes(self.types.serialize(out.message, out.type_name)))
+
+    def publish_bytes(self, topic: str, type_name: str, data: bytes) -> None:
+        """Publish an encoded message of a declared publisher."""
+        self._writers[topic, type_name].write(self._raw.of(type_name)(data))
+
+    def subscribers(self, topic: str, type_name: str) -> int:
+        """Return the number of subscribers of a declared publisher."""
+        return len(self._writers[topic, type_name].get_matched_subscriptions())
 
     def subscribe(self, topic: str, type_name: str, quality: str, callback: Callback, depth: int) -> None:
         """Subscribe to a topic; ``callback`` takes messages in CDR. Own messages are not received."""

@@ -13,12 +13,11 @@ from collections.abc import Mapping
 from contextlib import suppress
 
 from cdff_common.errors import CodecError
+from services.gateways.tcp_probes import probe
 
 #: Largest header, bytes; time for one, seconds.
 _MAX_HEADER, HANDSHAKE_S = 1 << 20, 5.0
 _LENGTH = struct.Struct("<I")
-#: A connection without traffic is probed after 30 s, then every 10 s; it ends after 3 probes without answer.
-_KEEPALIVE = {"TCP_KEEPIDLE": 30, "TCP_KEEPINTVL": 10, "TCP_KEEPCNT": 3}
 #: Time in which a peer must take some bytes of a message, seconds, as ``struct timeval``.
 SEND_S = 30
 _SEND_TIMEOUT = struct.pack("ll", SEND_S, 0)
@@ -62,9 +61,7 @@ class Connection:
     def __init__(self, sock: socket.socket) -> None:
         self._sock = sock
         sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-        for name, value in _KEEPALIVE.items():
-            sock.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), value)
+        probe(sock)
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, _SEND_TIMEOUT)
 
     @classmethod

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections import Counter
 from typing import Any
@@ -12,8 +13,8 @@ from cdff_common.clock import monotonic_s
 
 #: Duration of a burst within the limit of the rate, seconds.
 _BURST_S = 0.2
-#: Rise of the least age with each message, so that it follows a clock that drifts, milliseconds.
-_AGE_RISE_MS = 0.1
+#: The least age is that of the messages of the last one to two of these intervals, seconds.
+_AGE_INTERVAL_S = 10.0
 
 
 class TopicCounters:
@@ -25,7 +26,8 @@ class TopicCounters:
         self._dropped: Counter[str] = Counter()
         self._last_fault = ""
         self._latency_ms = 0.0
-        self._age_ms: float | None = None
+        self._ages_ms: list[float] = []  # least of the previous and of the present interval
+        self._age_since_s = -math.inf
 
     def receive(self, size: int) -> None:
         """Count a message with its bytes."""
@@ -33,12 +35,19 @@ class TopicCounters:
             self._received += 1
             self._bytes += size
 
-    def age(self, age_s: float) -> None:
-        """Take the time between the stamp of a message and its arrival: delay and offset of the clocks."""
+    def age(self, age_s: float, now_s: float | None = None) -> None:
+        """Take the time between the stamp of a message and its arrival: delay and offset of the clocks.
+
+        ``now_s`` is a monotonic time, by default now.
+        """
+        now_s = monotonic_s() if now_s is None else now_s
         with self._lock:
-            self._age_ms = (
-                1e3 * age_s if self._age_ms is None else min(1e3 * age_s, self._age_ms + _AGE_RISE_MS)
-            )
+            passed_s = now_s - self._age_since_s
+            if passed_s < _AGE_INTERVAL_S:
+                self._ages_ms[-1] = min(self._ages_ms[-1], 1e3 * age_s)
+                return
+            previous = self._ages_ms[-1:] if passed_s < 2.0 * _AGE_INTERVAL_S else []
+            self._ages_ms, self._age_since_s = [*previous, 1e3 * age_s], now_s
 
     def forward(self, latency_s: float) -> None:
         """Count a message that was sent on, and the time that the gateway took for it."""
@@ -56,8 +65,8 @@ class TopicCounters:
     def to_map(self) -> dict[str, Any]:
         """Return the counters as plain data; the latency is the mean of about the last 100 messages.
 
-        ``least_age_ms`` is the least time between stamp and arrival of the last messages: the least delay,
-        minus the time by which the clock of the robot is ahead.
+        ``least_age_ms`` is the least time between stamp and arrival of the messages of the last 10 to 20 s:
+        the least delay, minus the time by which the clock of the robot is ahead.
         """
         with self._lock:
             return {
@@ -67,7 +76,7 @@ class TopicCounters:
                 "dropped": dict(self._dropped),
                 "last_fault": self._last_fault,
                 "latency_ms": round(self._latency_ms, 3),
-                "least_age_ms": None if self._age_ms is None else round(self._age_ms, 3),
+                "least_age_ms": round(min(self._ages_ms), 3) if self._ages_ms else None,
             }
 
 

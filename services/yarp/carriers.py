@@ -10,6 +10,7 @@ from contextlib import suppress
 from typing import NamedTuple
 
 from cdff_common.errors import CodecError, InputError
+from services.gateways.tcp_probes import probe
 
 #: First bytes of a connection by tcp with acknowledgements, and without them.
 _TCP_ACKS, _TCP = b"YA\xe4\x1e\x00\x00RP", b"YA\x64\x1e\x00\x00RP"
@@ -50,7 +51,7 @@ class IncomingConnection:
 
     def __init__(self, sock: socket.socket, port: int) -> None:
         sock.settimeout(_TIMEOUT_S)
-        sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        probe(sock)
         self._socket, self._buffer = sock, b""
         magic = self._exactly(8)
         self._is_text = magic == _TEXT

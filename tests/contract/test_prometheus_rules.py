@@ -43,7 +43,15 @@ STAT: dict[str, Any] = {
     "answers": ANSWERS,
     "open": 1,
 }
-TOPIC = {"type": "LaserScan", "received": 9, "forwarded": 8, "latency_ms": 2.0, "dropped": {"size": 1}}
+TOPIC = {
+    "type": "LaserScan",
+    "received": 9,
+    "forwarded": 8,
+    "latency_ms": 2.0,
+    "least_age_ms": 1.0,
+    "last_fault": "",
+    "dropped": {"size": 1},
+}
 GATEWAYS = {("mana", "gateway_ros2"): {"inputs": {"/scan": TOPIC}, "outputs": []}}
 DASHBOARDS: dict[str, Any] = {
     path.stem: json.loads(path.read_text(encoding="utf-8"))

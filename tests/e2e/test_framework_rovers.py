@@ -73,9 +73,11 @@ inputs:
   - {topic: /lidar/points, type: sensor_msgs/msg/PointCloud2, stream: lidar/scan, frame: mana/lidar}
 outputs:
   - {product: position_manager/pose, topic: /cdff/pose, type: geometry_msgs/msg/PoseWithCovarianceStamped}
+  - {product: position_manager/pose, topic: /tf, type: tf2_msgs/msg/TFMessage}
   - {product: navigation_mapping/navigation_map, topic: /map, type: nav_msgs/msg/OccupancyGrid}
 requests:
   - {name: /cdff/get_map, type: nav_msgs/srv/GetMap, region: "bbox:0,-2,4,2"}
+  - {name: /cdff/get_dem, type: grid_map_msgs/srv/GetGridMap}
 """
 
 
@@ -178,7 +180,9 @@ def test_a_rover_with_ros_1_has_poses_maps_and_a_dem_of_its_lidar(drive: Drive, 
     check_ros(drive, found)
 
 
-def test_a_rover_with_ros_2_on_dds_has_poses_and_maps_of_its_lidar(drive: Drive, tmp_path: Path) -> None:
+def test_a_rover_with_ros_2_on_dds_has_poses_maps_and_a_dem_of_its_lidar(
+    drive: Drive, tmp_path: Path
+) -> None:
     python, cyclone = ROOT / "build" / "dds-peers" / "bin" / "python", ROOT / "build" / "cyclonedds"
     if not python.exists() or not cyclone.is_dir():
         pytest.skip("rclpy or Cyclone DDS is not installed; make peers installs them")
@@ -199,7 +203,10 @@ def test_a_rover_with_ros_2_on_dds_has_poses_and_maps_of_its_lidar(drive: Drive,
         assert grid["frame_id"] == "map"
         assert cells.get(0, 0) + cells.get(50, 0) > least, f"cells without a hazard: {cells}"
     assert found["requested"]["size"] == [20, 20]
-    print(f"largest error of a pose {error_m:.3f} m")
+    assert found["topics"]["/tf"] == ["tf2_msgs/msg/TFMessage"]
+    assert found["dem"]["frame_id"] == "map"
+    rms_m = check_heights(drive, grid_map_cells(found["dem"]))
+    print(f"largest error of a pose {error_m:.3f} m, root mean square error of heights {rms_m:.3f} m")
 
 
 def test_a_rover_with_rock_has_poses_clouds_and_a_dem_of_its_lidar(drive: Drive, tmp_path: Path) -> None:

@@ -8,18 +8,21 @@ import json
 import os
 import shlex
 import subprocess
+import sys
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 
 from cdff_common.bus import Bus, Message, keys
 from cdff_common.clock import wall_ns
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.types import TransformWithCovariance
 from services.dfpc_host.inputs import decode_sample
+from services.gateway_dds.settings import DdsSettings
 from tests.integration.conftest import Spawn, process_starter, wait_until
 from tests.support.gateway_traffic import publish_navigation_map, publish_product
 
@@ -32,6 +35,7 @@ _CYCLONE = _ROOT / "build" / "cyclonedds"
 _PAGE = (_ROOT / "docs" / "how-to" / "ros2-dds.md").read_text(encoding="utf-8")
 _SETTINGS = _PAGE.partition("```yaml\n")[2].partition("```")[0]
 _COMMAND = next(line for line in _PAGE.splitlines() if line.startswith("cdff service gateway_dds"))
+_MAST = {"topic": "/tf", "type": "tf2_msgs/msg/TFMessage", "stream": "mast/pose"}
 #: Points of the cloud: 1.2 MB, many fragments of DDS.
 _POINTS = 100_000
 
@@ -113,3 +117,45 @@ def _run(bus: Bus, start: Spawn, path: Path, domain: int) -> None:
     state: dict[str, Any] = bus.call(keys.gateway_status("mana", "gateway_dds")).body()
     assert state["conflicts"]["/odom"] == "a publisher has another reliability"
     assert "std_msgs::msg::dds_::String_" in state["conflicts"]["/lidar/points"]
+
+
+def test_cyclone_dds_sends_and_receives_the_frame_tree(endpoint: str, tmp_path: Path) -> None:
+    if not _CYCLONE.is_dir():
+        pytest.skip("Cyclone DDS is not installed; make peers installs it")
+    domain = 91 + os.getpid() % 90
+    settings = yaml.safe_load(_SETTINGS) | {"domain": domain, "requests": []}
+    settings["inputs"] = [{**_MAST, "frame": "mana/base", "child": "mana/mast"}]
+    path = tmp_path / "gateway.yaml"
+    path.write_text(yaml.safe_dump(settings))
+    packages = os.pathsep.join([str(_ROOT), str(_CYCLONE)])
+    environment = {
+        "PATH": os.environ["PATH"],
+        "PYTHONPATH": packages,
+        "ROS_DOMAIN_ID": str(domain),
+        "CYCLONEDDS_URI": DdsSettings.model_validate(settings).configuration,
+    }
+    command = [sys.executable, str(Path(__file__).with_name("dds_tree_peer.py")), "60"]
+    with process_starter(endpoint, tmp_path, PYTHONPATH=packages) as start:
+        start("services.router")
+        with Bus.open(endpoint, name="test") as bus:
+            start("services.gateway_dds", "--settings", str(path))
+            wait_until(lambda: bus.alive(keys.alive("mana", "gateway_dds")), 60.0, "the gateway is ready")
+            samples: list[Message] = []
+            bus.subscribe(keys.sensor("mana", "mast", "pose"), samples.append)
+            with subprocess.Popen(command, stdout=subprocess.PIPE, env=environment, text=True) as peer:
+                try:
+                    for seq in range(400):
+                        publish_pose(bus, seq)
+                        with suppress(subprocess.TimeoutExpired):
+                            peer.wait(0.2)
+                            break
+                    assert peer.stdout is not None
+                    received = json.loads(peer.stdout.read())
+                finally:
+                    peer.kill()
+            wait_until(lambda: samples, 10.0, "a pose of the mast")
+    assert received["frames"] == ["odom", "base_link"]
+    assert received["position"] == [1.0, 2.0, 3.0]
+    mast = decode_sample(samples[0], "pose", "TransformWithCovariance")
+    assert (mast.frame, mast.child) == ("mana/base", "mana/mast")
+    np.testing.assert_array_equal(mast.value.data.translation, [0.5, 0.0, 1.25])

@@ -381,5 +381,9 @@ def test_cdff_up_starts_the_gateway_of_a_profile_and_the_dpm_has_its_metrics(
 
     start = 'cdff_gateway_received_total{robot="mana",gateway="gateway_ros2",direction="in",topic="/imu/data"'
     wait_until(lambda: start in metrics(), 90.0, "the DPM has the counters of the gateway")
+    with urllib.request.urlopen(f"http://{http}/api/v1/gateways", timeout=10) as answer:
+        topics = {(t["robot"], t["direction"], t["topic"]): t for t in json.load(answer)["items"]}
+    assert topics["mana", "in", "/imu/data"]["received"] == 0
+    assert topics["mana", "out", "/cdff/pose"]["dropped"] == {}
     with Bus.open(endpoint, name="test") as bus:
         wait_until(lambda: status(bus)["frame_tree"]["dpm_frames"] == 1, 30.0, "the frames of the DPM")

@@ -73,25 +73,37 @@ def orchestrator_lines(stat: Mapping[str, Any] | None) -> list[str]:
     ]
 
 
+def gateway_topics(statuses: Mapping[tuple[str, str], Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Return the counters of each topic of gateways, by robot and service; other gateways have none."""
+    rows = []
+    for (robot, gateway), status in sorted(statuses.items()):
+        inputs = [("in", topic, counters) for topic, counters in status.get("inputs", {}).items()]
+        outputs = [("out", counters["topic"], counters) for counters in status.get("outputs", ())]
+        for direction, topic, counters in inputs + outputs:
+            names = {"robot": robot, "gateway": gateway, "direction": direction, "topic": topic}
+            values = ("type", "received", "forwarded", "dropped", "latency_ms", "least_age_ms", "last_fault")
+            rows.append({**names, **{name: counters[name] for name in values}})
+    return rows
+
+
 def gateway_lines(statuses: Mapping[tuple[str, str], Mapping[str, Any]]) -> list[str]:
-    """Return the metrics of gateways by robot and service: messages of each topic, and the latency."""
+    """Return the metrics of gateways: messages of each topic, the latency, and the offset of the clock."""
     received: dict[str, Any] = {}
     forwarded: dict[str, Any] = {}
     dropped: dict[str, Any] = {}
     latency_s: dict[str, Any] = {}
-    for (robot, gateway), status in sorted(statuses.items()):
-        inputs = [("in", topic, counters) for topic, counters in status["inputs"].items()]
-        outputs = [("out", counters["topic"], counters) for counters in status["outputs"]]
-        for direction, topic, counters in inputs + outputs:
-            names = {"robot": robot, "gateway": gateway, "direction": direction, "topic": topic}
-            names["type"] = counters["type"]
-            labels = _label_text(names)
-            received[labels] = counters["received"]
-            forwarded[labels] = counters["forwarded"]
-            latency_s[labels] = f"{counters['latency_ms'] / 1e3:.6f}"
-            for reason, count in sorted(counters["dropped"].items()):
-                dropped[_label_text({**names, "reason": reason})] = count
-    if not statuses:
+    age_s: dict[str, Any] = {}
+    for row in gateway_topics(statuses):
+        names = {name: row[name] for name in ("robot", "gateway", "direction", "topic", "type")}
+        labels = _label_text(names)
+        received[labels] = row["received"]
+        forwarded[labels] = row["forwarded"]
+        latency_s[labels] = f"{row['latency_ms'] / 1e3:.6f}"
+        if row["least_age_ms"] is not None:
+            age_s[labels] = f"{row['least_age_ms'] / 1e3:.6f}"
+        for reason, count in sorted(row["dropped"].items()):
+            dropped[_label_text({**names, "reason": reason})] = count
+    if not received:
         return []
     return [
         *_metric("cdff_gateway_received_total", "counter", "Messages received by gateways.", received),
@@ -100,7 +112,13 @@ def gateway_lines(statuses: Mapping[tuple[str, str], Mapping[str, Any]]) -> list
             "cdff_gateway_dropped_total", "counter", "Messages dropped by gateways, by reason.", dropped
         ),
         *_metric(
-            "cdff_gateway_latency_seconds", "gauge", "Time in the gateway of the last message.", latency_s
+            "cdff_gateway_latency_seconds", "gauge", "Time in the gateway of the last messages.", latency_s
+        ),
+        *_metric(
+            "cdff_gateway_least_age_seconds",
+            "gauge",
+            "Least time from the stamp of a message to its arrival; negative if the robot's clock is ahead.",
+            age_s,
         ),
     ]
 

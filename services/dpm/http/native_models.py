@@ -229,6 +229,28 @@ class AlarmList(OpenModel):
     items: list[AlarmBody]
 
 
+class GatewayTopic(OpenModel):
+    """Counters of a topic or port of a gateway to a robot."""
+
+    robot: str
+    gateway: str
+    direction: Literal["in", "out"]
+    topic: str
+    type: str
+    received: int
+    forwarded: int
+    dropped: dict[str, int]
+    latency_ms: float
+    least_age_ms: float | None
+    last_fault: str
+
+
+class GatewayTopicList(OpenModel):
+    """Topics of all gateways that answer."""
+
+    items: list[GatewayTopic]
+
+
 class Overview(OpenModel):
     """Streams of the sensors with measured rates and faults, DFPCs, and their newest products."""
 

@@ -3,8 +3,8 @@
 """A rover with ROS 2 by rclpy on Fast DDS: test_framework_rovers.py runs it in its environment.
 
 ``dds_rover.py REQUEST_RELAY DRIVE.npz`` publishes the sweeps of a drive, then repeats the last one until
-pose, map and the answer of a service have arrived, and prints these as JSON. The program
-REQUEST_RELAY offers the service.
+pose, map, the answer of a service and a DEM have arrived, and prints these as JSON. The program
+REQUEST_RELAY offers the service; the DEM is requested by the topics of the gateway.
 """
 
 import array
@@ -16,6 +16,7 @@ import time
 
 import numpy as np
 import rclpy
+from dds_dem import DemClient
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import OccupancyGrid
 from nav_msgs.srv import GetMap
@@ -62,15 +63,15 @@ def main():
     node.create_subscription(PoseWithCovarianceStamped, "/cdff/pose", poses.append, 100)
     node.create_subscription(OccupancyGrid, "/map", maps.append, latched)
     lidar = node.create_publisher(PointCloud2, "/lidar/points", qos_profile_sensor_data)
-    client = node.create_client(GetMap, "/cdff/get_map")
+    client, dem_client = node.create_client(GetMap, "/cdff/get_map"), DemClient(node, "cdff_gateway")
     spinning = threading.Thread(target=rclpy.spin, args=(node,), daemon=True)
     spinning.start()
     drive = np.load(sys.argv[2])
     points, offsets_ns = drive["points"], drive["offsets_ns"]
-    starts_ns, requested, end_s = [], None, time.monotonic() + LIMIT_S
+    starts_ns, requested, dem, end_s = [], None, None, time.monotonic() + LIMIT_S
     while not lidar.get_subscription_count() and time.monotonic() < end_s:
         time.sleep(0.1)
-    while time.monotonic() < end_s and requested is None:
+    while time.monotonic() < end_s and (requested is None or dem is None):
         began_s = time.monotonic()
         message, stamp_ns = sweep(points[min(len(starts_ns), len(points) - 1)], offsets_ns)
         starts_ns.append(stamp_ns)
@@ -81,12 +82,15 @@ def main():
             future.add_done_callback(lambda _, event=answered: event.set())
             if answered.wait(CALL_S) and future.result().map.data:
                 requested = grid_of(future.result().map)
+            dem = dem or dem_client.heights(CALL_S)
         time.sleep(max(PERIOD_S - (time.monotonic() - began_s), 0.0))
     result = {
         "starts_ns": starts_ns,
         "poses": [pose_of(message) for message in list(poses)],
         "map": grid_of(maps[-1]) if maps else None,
         "requested": requested,
+        "dem": dem,
+        "topics": dict(node.get_topic_names_and_types()),
     }
     print(json.dumps(result), flush=True)
 

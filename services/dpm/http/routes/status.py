@@ -20,9 +20,9 @@ from dpm_store import Event
 from dpm_store.history.events import CHANGES
 from services.alarms import Severity
 from services.dpm.http.context import Context, Ctx, jsonable
-from services.dpm.http.metrics import dpm_lines, gateway_lines, orchestrator_lines
+from services.dpm.http.metrics import dpm_lines, gateway_lines, gateway_topics, orchestrator_lines
 from services.dpm.http.middleware.roles import allowed
-from services.dpm.http.native_models import AlarmBody, AlarmList, Changes, Status
+from services.dpm.http.native_models import AlarmBody, AlarmList, Changes, GatewayTopicList, Status
 from services.dpm.operations.condition_monitor import check_disk
 
 router = APIRouter(tags=["status"])
@@ -75,6 +75,17 @@ def alarms(context: Ctx) -> Any:
 def acknowledge(context: Ctx, alarm: AlarmParameters) -> Any:
     """Acknowledge an active alarm: it states who did so and when, and stays active until its cause ends."""
     return jsonable(context.dpm.acknowledge(alarm.kind, alarm.source))
+
+
+@router.get("/api/v1/gateways", response_model=GatewayTopicList)
+def gateways(context: Ctx) -> Any:
+    """Return the counters of each topic of the gateways to robots: messages received, forwarded and dropped
+    by reason, the latency in the gateway, and the least age on arrival.
+
+    ``least_age_ms`` is the least time from the stamp of a message to its arrival in the last 10 to 20 s; it
+    is negative if the clock of the robot is ahead.
+    """
+    return jsonable({"items": gateway_topics(_gateways(context))})
 
 
 @router.get("/metrics", response_class=PlainTextResponse)

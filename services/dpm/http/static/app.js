@@ -312,6 +312,20 @@ async function showAlarms() {
   byId("alarms").tBodies[0].replaceChildren(...alarms.map(alarmRow));
 }
 
+function gatewayRow(topic) {
+  const dropped = Object.entries(topic.dropped).map(([reason, count]) => `${count} ${words(reason)}`).join(", ") || "0";
+  const least = topic.least_age_ms === null ? "" : `${topic.least_age_ms.toFixed(1)} ms`;
+  const cells = [topic.robot, topic.gateway.replace("gateway_", ""), `${topic.direction} ${topic.topic}`, topic.received, topic.forwarded, dropped,
+    `${topic.latency_ms.toFixed(1)} ms`, least, topic.last_fault];
+  return make("tr", null, ...cells.map((cell) => make("td", null, cell)));
+}
+
+async function showGateways() {
+  const { items: topics } = await ask("api/v1/gateways");
+  byId("gateways-section").hidden = topics.length === 0;
+  byId("gateways").tBodies[0].replaceChildren(...topics.map(gatewayRow));
+}
+
 async function showFrames() {
   const { items: fixed, tracks } = await ask("api/v1/frames");
   const rows = fixed.map((f) => [f.frame, f.parent, "fixed", `r${f.revision}`, position(f.T), time(f.inserted_ns)]);
@@ -369,7 +383,7 @@ async function loadProductTypes() {
 async function refresh() {
   if (productTypes.size === 0) await loadProductTypes().catch(() => {});
   await showStatus().catch(() => live("lost", "No answer, trying again …"));
-  const others = [showAlarms(), showRobots(), showRequests(), showFrames()];
+  const others = [showAlarms(), showGateways(), showRobots(), showRequests(), showFrames()];
   if (items.length <= PAGE) others.push(showProducts(false));
   await Promise.allSettled(others);
 }

@@ -20,6 +20,7 @@ def test_each_topic_of_a_gateway_has_its_counters_and_latency() -> None:
     for _ in range(3):
         imu.receive(316)
     imu.forward(0.002)
+    imu.age(-0.25)
     imu.drop("rate", "too many")
     imu.drop("decoding", "316 bytes")
     status = {
@@ -32,7 +33,13 @@ def test_each_topic_of_a_gateway_has_its_counters_and_latency() -> None:
     assert f"cdff_gateway_forwarded_total{{{names}}} 1" in lines
     assert f'cdff_gateway_dropped_total{{{names},reason="rate"}} 1' in lines
     assert f"cdff_gateway_latency_seconds{{{names}}} 0.002000" in lines
+    assert f"cdff_gateway_least_age_seconds{{{names}}} -0.250000" in lines
     assert any('direction="out",topic="/pose"' in line for line in lines)
+
+
+def test_a_gateway_without_topics_has_no_lines() -> None:
+    status = {"in_contact": True, "waiting": {"products": 0}, "problem": ""}  # of the gateway to CCSDS
+    assert gateway_lines({("mana", "gateway_ccsds"): status}) == []
 
 
 def test_messages_that_slow_subscribers_missed_are_counted_once_for_each_topic() -> None:

@@ -13,7 +13,7 @@ from rosbags.typesys import get_types_from_msg
 from cdff_common.errors import ConfigurationError
 from services.gateway_ros1.settings import Ros1Settings
 from services.gateway_ros2.settings import Ros2Settings
-from services.gateways.counters import RateLimit
+from services.gateways.counters import RateLimit, TopicCounters
 from services.gateways.request_types import ACTIONS, REQUEST_ACTION, REQUEST_SERVICE, SERVICES
 from services.gateways.stream_settings import load_settings
 from services.ros_messages.message_types import BITSTREAM, RosTypes
@@ -79,6 +79,18 @@ def test_a_rate_limit_admits_a_burst_and_then_its_rate() -> None:
     assert burst == [True, True, True, False, False]
     assert [limit.admits(100.0 + 0.1 * i) for i in range(1, 4)] == [True, True, True]
     assert sum(limit.admits(200.0 + 0.01 * i) for i in range(1000)) == pytest.approx(100, abs=4)
+
+
+def test_the_least_age_follows_a_clock_that_is_corrected() -> None:
+    counters = TopicCounters()
+    for i in range(100):
+        counters.age(-3600.0 + 0.01 * (i % 3), 100.0 + 0.05 * i)
+    assert counters.to_map()["least_age_ms"] == -3_600_000.0
+    for i in range(600):
+        counters.age(0.02 - 0.01 * (i % 2), 105.0 + 0.05 * i)
+    assert counters.to_map()["least_age_ms"] == 10.0
+    counters.age(5.0, 500.0)
+    assert counters.to_map()["least_age_ms"] == 5000.0
 
 
 def test_a_frame_tree_may_be_listed_once_for_each_transform_and_in_both_directions(tmp_path: Path) -> None:

@@ -63,6 +63,21 @@ def test_messages_with_and_without_an_envelope_are_received() -> None:
     ]
 
 
+def test_a_connection_of_a_machine_that_is_switched_off_ends_within_a_minute() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        theirs = socket.create_connection(listener.getsockname())
+        ours, _ = listener.accept()
+        with ours, theirs:
+            theirs.sendall(_HELLO)
+            IncomingConnection(ours, 8080)
+            idle_s, interval_s, count = (
+                ours.getsockopt(socket.IPPROTO_TCP, option)
+                for option in (socket.TCP_KEEPIDLE, socket.TCP_KEEPINTVL, socket.TCP_KEEPCNT)
+            )
+            assert ours.getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE) == 1
+            assert idle_s + interval_s * count <= 60
+
+
 def test_text_is_received_and_commands_are_ignored() -> None:
     stream = b"CONNECT /imu\n*\ndo 7 1600000000.5\n1 2 3\nd\nhello\n"
     assert _received(stream) == [
