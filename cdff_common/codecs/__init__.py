@@ -19,8 +19,13 @@ from cdff_common.errors import CodecError
 CODECS = ("uper", "ber", "xer", "msgpack")
 WIRE_VERSION = 1
 _ENCODING = re.compile(r"application/vnd\.cdff\+([a-z]+);([A-Za-z][A-Za-z0-9-]*)/(\d{1,6})\Z")
+#: Types with a compact form, see ``compact_maps``.
+_COMPACTED = frozenset({"ElevationMap", "NavigationMap"})
+#: Largest size of the whole layers of a map, divided by that of its compact form; this bounds the memory that
+#: a decoder allocates for a message.
+MAX_EXPANSION = 64
 #: Modules whose name is not that of the codec.
-_MODULES = {"ber": "reference", "msgpack": "messagepack"}
+MODULES = {"ber": "reference", "msgpack": "messagepack"}
 
 __all__ = [
     "CODECS",
@@ -51,6 +56,10 @@ def encode(value: Any, codec: str = "uper", type_name: str | None = None) -> byt
     """
     if not getattr(type(value), "ASN1_NAME", ""):
         raise CodecError(f"{type(value).__name__}: expected a message of cdff_common.types")
+    if codec == "uper" and value.ASN1_NAME in _COMPACTED:
+        from cdff_common.codecs.compact_maps import compact
+
+        value = compact(value)
     data: bytes = _implementation(codec).encode(value, type_name=type_name)
     return data
 
@@ -63,7 +72,12 @@ def decode(type_name: str, data: bytes, codec: str = "uper") -> Any:
     CodecError
         If the codec or the type is unknown, or the bytes are not a message of that type.
     """
-    return _implementation(codec).decode(type_name, data)
+    value = _implementation(codec).decode(type_name, data)
+    if value.ASN1_NAME not in _COMPACTED:
+        return value
+    from cdff_common.codecs.compact_maps import expanded
+
+    return expanded(value)
 
 
 @cache
@@ -71,7 +85,7 @@ def _implementation(codec: str) -> Any:
     """Return the module of a codec, loaded at its first use."""
     if codec not in CODECS:
         raise CodecError(f"codec {codec!r}: expected one of {', '.join(CODECS)}")
-    return import_module(f"cdff_common.codecs.{_MODULES.get(codec, codec)}")
+    return import_module(f"cdff_common.codecs.{MODULES.get(codec, codec)}")
 
 
 def encode_payload(value: Any, codec: str = "uper") -> tuple[bytes, str]:

@@ -122,7 +122,9 @@ class GridMapMetadata(Message):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class GridLayer(GridLayerExt):
-    """Type ``GridLayer`` of the ASN.1 modules.
+    """If the first layer of a map is named observed_cells, its data has one bit per cell (row-major, the
+    first cell in the highest bit), and each other layer has its value in unobserved cells, followed by
+    its values in the observed cells.
 
     Attributes
     ----------

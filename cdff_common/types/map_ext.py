@@ -17,6 +17,9 @@ from cdff_common.types.frame_ext import DEPTH_DTYPES, depth_of
 from cdff_common.types.message import Box, Message, box_around
 from cdff_common.types.summary import array_text
 
+#: Name of the first layer of a map in compact form, see ``cdff_common.codecs.compact_maps``.
+OBSERVED_CELLS = "observed_cells"
+
 
 class GridLayerExt(Message):
     """Named layer of a map."""
@@ -33,10 +36,14 @@ class GridLayerExt(Message):
         dense = np.ascontiguousarray(array, dtype=DEPTH_DTYPES[depth])
         return types.GridLayer(name, depth, dense.reshape(-1).view(np.uint8))
 
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Type of the elements."""
+        return np.dtype(DEPTH_DTYPES[self.depth])
+
     def __repr__(self) -> str:
         """Return name, dtype and range of the layer."""
-        dtype = np.dtype(DEPTH_DTYPES[self.depth])
-        cells = self.data if len(self.data) % dtype.itemsize else self.data.view(dtype)
+        cells = self.data if len(self.data) % self.dtype.itemsize else self.data.view(self.dtype)
         return f"GridLayer({self.name!r}, {array_text(cells)})"
 
 
@@ -48,15 +55,23 @@ class _LayeredMap(Message):
     layers: tuple[types.GridLayer, ...]
 
     def _check_consistency(self) -> None:
-        """Check for unique names and one element per cell."""
+        """Check for unique names and one element per cell, in the compact form per observed cell."""
         cells = self.metadata.rows * self.metadata.cols
-        for layer in self.layers:
-            size = np.dtype(DEPTH_DTYPES[layer.depth]).itemsize
-            if len(layer.data) != cells * size:
+        layers, of = self.layers, f"{self.metadata.rows}x{self.metadata.cols} cells"
+        if self.is_compact:
+            bits, layers = layers[0], layers[1:]
+            if len(bits.data) != -(-cells // 8) or bits.dtype != np.uint8:
+                raise InputError(
+                    f"{type(self).__name__} layer {bits.name!r}: {len(bits.data)} bytes of {bits.dtype}, "
+                    f"expected {-(-cells // 8)} of uint8, one bit for each of {of}"
+                )
+            cells = 1 + int(np.count_nonzero(np.unpackbits(bits.data, count=cells)))
+            of = f"{cells - 1} observed cells and the value of the others"
+        for layer in layers:
+            if len(layer.data) != cells * layer.dtype.itemsize:
                 raise InputError(
                     f"{type(self).__name__} layer {layer.name!r}: {len(layer.data)} bytes, "
-                    f"expected {cells * size} "
-                    f"for {self.metadata.rows}x{self.metadata.cols} cells"
+                    f"expected {cells * layer.dtype.itemsize} for {of}"
                 )
         if len(set(self.layer_names)) != len(self.layers):
             raise InputError(f"{type(self).__name__} layers {self.layer_names}: expected distinct names")
@@ -70,8 +85,11 @@ class _LayeredMap(Message):
         Raises
         ------
         InputError
-            If the shape of a layer differs from the geometry, or its dtype is not supported.
+            If the shape of a layer differs from the geometry, its dtype is not supported, or its name is
+            that of the compact form.
         """
+        if OBSERVED_CELLS in layers:
+            raise InputError(f"layer {OBSERVED_CELLS!r}: expected another name, it is that of a compact map")
         for name, array in layers.items():
             if array.shape != (geometry.rows, geometry.cols):
                 raise InputError(
@@ -97,6 +115,11 @@ class _LayeredMap(Message):
         return GridGeometry(m.frame_id, m.resolution, m.x_min, m.y_max, m.rows, m.cols)
 
     @property
+    def is_compact(self) -> bool:
+        """True if the layers contain the observed cells only; ``decode`` returns no such maps."""
+        return bool(self.layers) and self.layers[0].name == OBSERVED_CELLS
+
+    @property
     def layer_names(self) -> tuple[str, ...]:
         """Names of the layers, in order."""
         return tuple(layer.name for layer in self.layers)
@@ -105,9 +128,7 @@ class _LayeredMap(Message):
         """Return a read-only view ``(rows, cols)`` of a layer; raises InputError for an unknown name."""
         for layer in self.layers:
             if layer.name == name:
-                return layer.data.view(DEPTH_DTYPES[layer.depth]).reshape(
-                    self.metadata.rows, self.metadata.cols
-                )
+                return layer.data.view(layer.dtype).reshape(self.metadata.rows, self.metadata.cols)
         raise InputError(
             f"{type(self).__name__} layer {name!r}: expected one of {', '.join(self.layer_names)}"
         )

@@ -118,13 +118,13 @@ class PatchSelection:
 
     @property
     def largest_bytes(self) -> int:
-        """Size of the largest payload."""
-        return max(r.size for r in self.records)
+        """Size of the largest decoded patch."""
+        return max(r.decoded_bytes for r in self.records)
 
     @property
     def total_bytes(self) -> int:
-        """Size of all payloads."""
-        return sum(r.size for r in self.records)
+        """Size of all decoded patches."""
+        return sum(r.decoded_bytes for r in self.records)
 
 
 class Patches:
@@ -292,11 +292,11 @@ def _batches(records: Sequence[ProductRecord]) -> Iterator[list[ProductRecord]]:
     batch: list[ProductRecord] = []
     size = 0
     for record in records:
-        if batch and (len(batch) == _BATCH or size + record.size > BATCH_BYTES):
+        if batch and (len(batch) == _BATCH or size + record.decoded_bytes > BATCH_BYTES):
             yield batch
             batch, size = [], 0
         batch.append(record)
-        size += record.size
+        size += record.decoded_bytes
     if batch:
         yield batch
 

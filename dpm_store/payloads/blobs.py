@@ -30,7 +30,7 @@ from dpm_store.payloads.seekable import compress, read_frames
 
 CHUNK_BYTES = 1 << 18
 #: A payload is stored compressed if this makes it smaller than the fraction.
-WORTHWHILE = 0.5
+WORTHWHILE = 0.8
 #: Number of files whose content is not compared again while they are unchanged.
 _REMEMBERED = 64
 #: Errors of a full disk.

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 import msgpack
 
+from cdff_common.codecs import MAX_EXPANSION
 from cdff_common.contract.limits import MAX_PAGE
 from cdff_common.contract.metric_bounds import MetricBound as MetricBound
 from cdff_common.contract.queries import Order as Order
@@ -80,6 +81,10 @@ class _Columns(NamedTuple):
     deleted_ns: int | None = None
 
 
+#: Bytes of all layers of a cell, in the maps of the DFPCs.
+_CELL_BYTES = {"ElevationMap": 40, "NavigationMap": 24}
+
+
 class ProductRecord(_Columns):
     """Metadata of a stored product.
 
@@ -126,6 +131,17 @@ class ProductRecord(_Columns):
     def sha256(self) -> str:
         """Digest of the payload."""
         return str(self.fields.get("sha256") or "")
+
+    @property
+    def decoded_bytes(self) -> int:
+        """Estimated size of the decoded payload, more than ``size`` for maps of few observed cells."""
+        box, resolution_m = self.fields.get("box_m"), self.fields.get("resolution_m")
+        cell_bytes = _CELL_BYTES.get(self.type_name, 0)
+        if not (cell_bytes and box and resolution_m):
+            return self.size
+        cells = (box[3] - box[0]) * (box[4] - box[1]) / resolution_m**2
+        whole_bytes: int = round(cell_bytes * cells)
+        return max(self.size, min(whole_bytes, MAX_EXPANSION * self.size))
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain data: the fields of the header, of the key and of the store."""

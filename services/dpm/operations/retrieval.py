@@ -111,7 +111,7 @@ class Retrieval:
     def _product(self, record: ProductRecord, form: DeliveryParameters) -> DeliveredProduct:
         self._events.count("gets")
         is_stored_form = form.format in (None, "native", record.codec) and form.as_type is None
-        self._budget.charge((2 if is_stored_form else CONVERSION_COPIES) * record.size)
+        self._budget.charge(2 * record.size if is_stored_form else CONVERSION_COPIES * record.decoded_bytes)
         payload = self._store.payload(record.id)
         place = self.georeference(record.header.frame, form.format)
         body = convert(

@@ -166,7 +166,7 @@ def payload(
         return native(context, record, part, headers)
 
     def converted() -> Converted:
-        context.dpm.budget.charge(CONVERSION_COPIES * record.size)
+        context.dpm.budget.charge(CONVERSION_COPIES * record.decoded_bytes)
         stored = context.dpm.store.payload
         return convert(
             record.type_name, record.codec, stored(product_id), format, as_, record.header, place=place
@@ -188,7 +188,7 @@ def thumbnail(context: Ctx, product_id: str, request: Request) -> Response:
 
     if not record.size:
         raise InputError(f"product {record.id} was FAILED and has no picture")
-    context.dpm.budget.charge(CONVERSION_COPIES * record.size)
+    context.dpm.budget.charge(CONVERSION_COPIES * record.decoded_bytes)
     value = decode(record.type_name, context.dpm.store.payload(product_id), record.codec)
     data = picture(value, record.header, max_side_px=256)
     return body_response(context, data, "image/png", headers)

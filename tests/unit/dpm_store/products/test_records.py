@@ -8,12 +8,13 @@ import math
 from dataclasses import fields, replace
 from typing import Any
 
+import msgpack
 import pytest
 
 from cdff_common.contract.limits import MAX_PAGE
 from cdff_common.errors import InputError
 from dpm_store import Page, Query
-from dpm_store.products.records import Cursor, Order, read_cursor
+from dpm_store.products.records import Cursor, Order, ProductRecord, read_cursor
 
 CURSOR = Cursor(Order.NEAREST, 5_000, 7, 3, 2.5, 40)
 
@@ -98,3 +99,34 @@ def test_a_page_states_distances_only_in_the_order_nearest() -> None:
     plain = {"cursor": "c", "unplaced_frames": ["a/b"], "frames_revision": 4}
     assert page.to_dict() == plain
     assert replace(page, distances_m=(1.0, 2.0)).to_dict() == plain | {"distances_m": [1.0, 2.0]}
+
+
+@pytest.mark.parametrize(
+    ("type_name", "header", "size", "decoded_bytes"),
+    [
+        ("ElevationMap", {"box_m": [0, 0, 0, 10, 20, 1], "resolution_m": 0.1}, 200_000, 40 * 20_000),
+        ("NavigationMap", {"box_m": [0, 0, 0, 10, 20, 0], "resolution_m": 0.1}, 200_000, 24 * 20_000),
+        ("ElevationMap", {"box_m": [0, 0, 0, 10, 20, 1], "resolution_m": 0.1}, 900_000, 900_000),
+        ("ElevationMap", {"box_m": [0, 0, 0, 10, 20, 1], "resolution_m": 1e-4}, 1_000, 64_000),
+        ("ElevationMap", {"box_m": [0, 0, 0, 10, 20, 1]}, 1_000, 1_000),
+        ("Pointcloud", {"box_m": [0, 0, 0, 10, 20, 1], "resolution_m": 0.1}, 1_000, 1_000),
+    ],
+)
+def test_the_size_of_a_decoded_map_follows_from_its_cells(
+    type_name: str, header: dict[str, Any], size: int, decoded_bytes: int
+) -> None:
+    record = ProductRecord(
+        ordinal=1,
+        robot="mana",
+        dfpc="digital_elevation_mapping",
+        port="map",
+        product="dem",
+        type_name=type_name,
+        codec="uper",
+        id="a",
+        t1_ns=0,
+        packed_header=msgpack.packb(header),
+        size=size,
+        inserted_ns=0,
+    )
+    assert record.decoded_bytes == decoded_bytes
