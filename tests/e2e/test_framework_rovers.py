@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Programs of other robot frameworks send the sweeps of a lidar, and receive pose, frame tree, map and DEM.
+"""Programs of robot frameworks send sweeps of a lidar or stereo images, and receive poses, maps and a DEM.
 
 Each runs against ``cdff up`` with lidar SLAM, position manager, elevation and navigation mapping, and the
 gateway of its framework. The drive is simulated.
@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from cdff_common.codecs import decode
 from cdff_dev.ports import free_port
 from tests.integration.conftest import ROOT, process_starter, wait_until
+from tests.support import corridor
 from tests.support.framework_drive import (
     AZIMUTHS_RAD,
     ELEVATIONS_RAD,
@@ -79,6 +80,22 @@ requests:
   - {name: /cdff/get_map, type: nav_msgs/srv/GetMap, region: "bbox:0,-2,4,2"}
   - {name: /cdff/get_dem, type: grid_map_msgs/srv/GetGridMap}
 """
+_STEREO_SETTINGS = """
+robot: mana
+inputs:
+  - topic: /navcam/left/image_rect
+    right: /navcam/right/image_rect
+    type: sensor_msgs/msg/Image
+    stream: navcam/pair
+    frame: mana/navcam_left
+    camera_info: /navcam/left/camera_info
+    right_camera_info: /navcam/right/camera_info
+outputs:
+  - product: visual_odometry_sparse/pose
+    topic: /cdff/pose
+    type: geometry_msgs/msg/PoseWithCovarianceStamped
+  - {product: visual_odometry_sparse/pose, topic: /tf, type: tf2_msgs/msg/TFMessage}
+"""
 
 
 @pytest.fixture(scope="module")
@@ -87,7 +104,13 @@ def drive() -> Drive:
 
 
 def run_rover(
-    folder: Path, gateway: str, settings: str, command: list[str], port: int, variables: dict[str, str]
+    folder: Path,
+    gateway: str,
+    settings: str,
+    command: list[str],
+    port: int,
+    variables: dict[str, str],
+    profile_name: str = "profile.yaml",
 ) -> dict[str, Any]:
     """Return the JSON that a rover's program prints while the whole system runs.
 
@@ -100,7 +123,7 @@ def run_rover(
     """
     (folder / "gateway.yaml").write_text(settings)
     profile = folder / "profile.yaml"
-    profile.write_text((_FOLDER / "profile.yaml").read_text().replace("GATEWAY", gateway))
+    profile.write_text((_FOLDER / profile_name).read_text().replace("GATEWAY", gateway))
     endpoint = f"tcp/127.0.0.1:{port}"
     with process_starter(endpoint, folder, **variables) as start:
         options = ("--profile", str(profile), "--connect", endpoint, "--http", f"127.0.0.1:{free_port()}")
@@ -148,6 +171,28 @@ def test_a_rover_with_ros_2_has_poses_maps_and_a_dem_of_its_lidar(drive: Drive, 
     port = free_port()
     command = [str(python), str(_FOLDER / "ros2_rover.py"), str(port), save_drive(drive, tmp_path)]
     check_ros(drive, run_rover(tmp_path, "gateway_ros2", _ROS_SETTINGS, command, port, {}))
+
+
+def test_a_rover_with_ros_2_has_poses_of_its_stereo_camera(tmp_path: Path) -> None:
+    python = ROOT / "build" / "ros2-peers" / "bin" / "python"
+    if not python.exists():
+        pytest.skip("zenoh-ros2-sdk is not installed; make peers installs it")
+    truth, path, port = corridor.drive(9), tmp_path / "pairs.npz", free_port()
+    pairs = [corridor.stereo_pair(T, 0) for T in truth]
+    images = np.array([[pair.left.image, pair.right.image] for pair in pairs])
+    np.savez(path, pairs=images, K=corridor.CAMERA, baseline_m=corridor.BASELINE_M)
+    command = [str(python), str(_FOLDER / "ros2_stereo.py"), str(port), str(path)]
+    found = run_rover(tmp_path, "gateway_ros2", _STEREO_SETTINGS, command, port, {}, "stereo_profile.yaml")
+    assert found["pose_frames"] == ["vo"]
+    assert found["tree_frames"] == [["vo", "navcam_left"]]
+    positions_m = {int(stamp_ns): pose[:3] for stamp_ns, *pose in found["poses"]}
+    T_first = np.linalg.inv(truth[0])
+    errors_m = [
+        float(np.linalg.norm(positions_m[stamp_ns] - (T_first @ T)[:3, 3]))
+        for stamp_ns, T in zip(found["stamps_ns"], truth[1:], strict=True)
+    ]
+    assert max(errors_m) < 0.03, errors_m
+    print(f"largest error of a pose {max(errors_m):.4f} m")
 
 
 @contextmanager
@@ -204,6 +249,8 @@ def test_a_rover_with_ros_2_on_dds_has_poses_maps_and_a_dem_of_its_lidar(
         assert cells.get(0, 0) + cells.get(50, 0) > least, f"cells without a hazard: {cells}"
     assert found["requested"]["size"] == [20, 20]
     assert found["topics"]["/tf"] == ["tf2_msgs/msg/TFMessage"]
+    assert found["tree_frames"] == [["map", "base_link"]]
+    check_poses(drive, found["starts_ns"], found["tree"])
     assert found["dem"]["frame_id"] == "map"
     rms_m = check_heights(drive, grid_map_cells(found["dem"]))
     print(f"largest error of a pose {error_m:.3f} m, root mean square error of heights {rms_m:.3f} m")

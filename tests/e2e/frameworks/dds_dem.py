@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Requests of a DEM by the topics of the gateway on DDS, for a ROS 2 without the package grid_map_msgs.
+"""Messages of ``tf2_msgs`` and requests of a DEM for a ROS 2 without their packages, encoded in CDR here.
 
-The messages of ``grid_map_msgs/srv/GetGridMap`` are encoded here, in CDR of ROS 2.
+The DEM is requested by the topics of the gateway on DDS.
 """
 
 import array
@@ -40,6 +40,16 @@ class Cdr:
         length = self.number("I")
         self._at += length
         return self._data[self._at - length : self._at - 1].decode()
+
+
+def decode_transforms(data):
+    """Return frame, child frame, and stamp in nanoseconds, position and quaternion x y z w of transforms."""
+    cdr, transforms = Cdr(data), []
+    for _ in range(cdr.number("I")):
+        seconds, nanoseconds = cdr.number("i"), cdr.number("I")
+        frames = cdr.text(), cdr.text()
+        transforms.append((*frames, [seconds * 10**9 + nanoseconds, *cdr.numbers("d", 7)]))
+    return transforms
 
 
 def encode_request(frame_id, position, lengths, layers):

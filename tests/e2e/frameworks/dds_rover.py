@@ -3,7 +3,7 @@
 """A rover with ROS 2 by rclpy on Fast DDS: test_framework_rovers.py runs it in its environment.
 
 ``dds_rover.py REQUEST_RELAY DRIVE.npz`` publishes the sweeps of a drive, then repeats the last one until
-pose, map, the answer of a service and a DEM have arrived, and prints these as JSON. The program
+pose, frame tree, map, the answer of a service and a DEM have arrived, and prints these as JSON. The program
 REQUEST_RELAY offers the service; the DEM is requested by the topics of the gateway.
 """
 
@@ -16,10 +16,11 @@ import time
 
 import numpy as np
 import rclpy
-from dds_dem import DemClient
+from dds_dem import DemClient, decode_transforms
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import OccupancyGrid
 from nav_msgs.srv import GetMap
+from raw_type import raw_type
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import PointCloud2, PointField
 
@@ -58,10 +59,11 @@ def grid_of(grid):
 def main():
     rclpy.init()
     node = rclpy.create_node("rover")
-    poses, maps = [], []
+    poses, maps, trees = [], [], []
     latched = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
     node.create_subscription(PoseWithCovarianceStamped, "/cdff/pose", poses.append, 100)
     node.create_subscription(OccupancyGrid, "/map", maps.append, latched)
+    node.create_subscription(raw_type("tf2_msgs", "TFMessage"), "/tf", trees.append, 100, raw=True)
     lidar = node.create_publisher(PointCloud2, "/lidar/points", qos_profile_sensor_data)
     client, dem_client = node.create_client(GetMap, "/cdff/get_map"), DemClient(node, "cdff_gateway")
     spinning = threading.Thread(target=rclpy.spin, args=(node,), daemon=True)
@@ -76,7 +78,7 @@ def main():
         message, stamp_ns = sweep(points[min(len(starts_ns), len(points) - 1)], offsets_ns)
         starts_ns.append(stamp_ns)
         lidar.publish(message)
-        if len(starts_ns) > len(points) + 4 and poses and maps and client.service_is_ready():
+        if len(starts_ns) > len(points) + 4 and poses and maps and trees and client.service_is_ready():
             answered = threading.Event()
             future = client.call_async(GetMap.Request())
             future.add_done_callback(lambda _, event=answered: event.set())
@@ -84,6 +86,7 @@ def main():
                 requested = grid_of(future.result().map)
             dem = dem or dem_client.heights(CALL_S)
         time.sleep(max(PERIOD_S - (time.monotonic() - began_s), 0.0))
+    edges = [edge for data in list(trees) for edge in decode_transforms(data)]
     result = {
         "starts_ns": starts_ns,
         "poses": [pose_of(message) for message in list(poses)],
@@ -91,6 +94,8 @@ def main():
         "requested": requested,
         "dem": dem,
         "topics": dict(node.get_topic_names_and_types()),
+        "tree": [pose for _, _, pose in edges],
+        "tree_frames": sorted({(frame, child) for frame, child, _ in edges}),
     }
     print(json.dumps(result), flush=True)
 
