@@ -4,18 +4,20 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from cdff_common.clock import monotonic_s
 from cdff_common.contract.foreign_names import frame_name
 from cdff_common.errors import InputError
 from cdff_common.geodesy import Anchor, body
 from services.ros_messages.fixes import EARTH, LocalFrame
 
-#: Most frames of a tree.
-_MAX_FRAMES = 1000
+#: Most frames of a tree, and time for which a transform that is not static counts, seconds.
+_MAX_FRAMES, _EXPIRY_S = 1000, 10.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,12 +53,14 @@ class FrameTree:
     """Frames of transforms: each has one parent, and none is below itself.
 
     It holds the transforms of the robot and those that the gateway publishes, by their names in CDFF, and the
-    fixed frames of the DPM, such as the mounts of sensors.
+    fixed frames of the DPM, such as the mounts of sensors. A transform that is not static and that was not
+    stated for 10 s no longer counts: a robot that starts again may have other frames.
     """
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._parents: dict[str, str] = {}
+        self._until_s: dict[str, float] = {}
         self._dpm: dict[str, str] = {}
 
     def update_dpm(self, parents: Mapping[str, str]) -> None:
@@ -64,16 +68,27 @@ class FrameTree:
         with self._lock:
             self._dpm = dict(parents)
 
-    def add(self, parent: str, child: str, *, with_dpm: bool = False) -> None:
+    def add(
+        self,
+        parent: str,
+        child: str,
+        *,
+        with_dpm: bool = False,
+        is_static: bool = False,
+        now_s: float | None = None,
+    ) -> None:
         """Add an edge, and with ``with_dpm`` compare it with the frames of the DPM, too.
+
+        ``now_s`` is a monotonic time, by default now.
 
         Raises
         ------
         InputError
             If its child has another parent or is above its parent.
         """
+        now_s = monotonic_s() if now_s is None else now_s
         with self._lock:
-            known, where = self._parents.get(child), ""
+            known, where = self._parent(child, now_s), ""
             if known is None and with_dpm:
                 known, where = self._dpm.get(child), " in the DPM"
             if known not in (None, parent):
@@ -84,12 +99,26 @@ class FrameTree:
                 if above == child:
                     raise InputError(f"frame {child} below {parent}: {parent} is below {child}, a loop")
                 visited.add(above)
-                above = self._parents.get(above) or (self._dpm.get(above) if with_dpm else None)
+                above = self._parent(above, now_s) or (self._dpm.get(above) if with_dpm else None)
+            if child not in self._parents and len(self._parents) >= _MAX_FRAMES:
+                self._remove_expired(now_s)
             if child not in self._parents and len(self._parents) >= _MAX_FRAMES:
                 raise InputError(f"frame {child}: expected at most {_MAX_FRAMES} frames")
+            was_static = known == parent and self._until_s.get(child) == math.inf
             self._parents[child] = parent
+            self._until_s[child] = math.inf if is_static or was_static else now_s + _EXPIRY_S
+
+    def _parent(self, child: str, now_s: float) -> str | None:
+        """Return the parent of a frame, or None if its edge no longer counts."""
+        return self._parents.get(child) if now_s < self._until_s.get(child, -math.inf) else None
+
+    def _remove_expired(self, now_s: float) -> None:
+        for child in [child for child, until_s in self._until_s.items() if until_s <= now_s]:
+            del self._parents[child], self._until_s[child]
 
     def to_map(self) -> dict[str, Any]:
         """Return the parents by child, and the number of the fixed frames of the DPM."""
+        now_s = monotonic_s()
         with self._lock:
-            return {"parents": dict(self._parents), "dpm_frames": len(self._dpm)}
+            parents = {child: parent for child in self._parents if (parent := self._parent(child, now_s))}
+            return {"parents": parents, "dpm_frames": len(self._dpm)}

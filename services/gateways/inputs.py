@@ -14,9 +14,10 @@ from rosbags.serde import SerdeError
 from cdff_common.bus import Bus
 from cdff_common.clock import MAX_STAMP_NS, monotonic_s
 from cdff_common.errors import CdffError, InputError
+from services.gateways.counters import RateLimit
 from services.gateways.frames import FrameNames, FrameTree
 from services.gateways.sample_link import CONVERSION_ERRORS, SampleLink
-from services.gateways.settings import InputTopic
+from services.gateways.settings import STATIC_TRANSFORMS, InputTopic
 from services.ros_messages.conversions import CAMERA_INFO, CONVERSIONS
 from services.ros_messages.fixes import FIX, no_position
 from services.ros_messages.maps import header_of
@@ -26,6 +27,8 @@ from services.ros_messages.topics import Topic
 #: Errors of the decoder for damaged messages.
 DECODER_ERRORS = (*CONVERSION_ERRORS, SerdeError)
 _NS_PER_S = 1_000_000_000
+#: Largest rate of the messages of the further topics of an input, per second.
+_MAX_FURTHER_HZ = 1000.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,6 +76,8 @@ class InputLink(SampleLink):
         frames = dict(names.frames) if local is None else {**names.frames, local.frame_id: entry.frame}
         self._topic = _RobotTopic(entry.topic, names.robot, conversion, local_frame=local, frames=frames)
 
+        self._further_rate = RateLimit(_MAX_FURTHER_HZ)
+
     @property
     def further_topics(self) -> list[FurtherTopic]:
         """Topics that the conversion of the messages of the first one needs."""
@@ -81,9 +86,18 @@ class InputLink(SampleLink):
 
     def on_camera_info(self, data: bytes) -> None:
         """Take the calibration for the images that follow."""
+        if not self.admits_further():
+            return
         info = self._decoded(data, CAMERA_INFO)
         if info is not None:
             self._topic = replace(self._topic, camera=info)
+
+    def admits_further(self) -> bool:
+        """Return whether a message of a further topic is within the limit of their rate; count it if not."""
+        if self._further_rate.admits():
+            return True
+        self.drop("rate", f"further topics: more than {_MAX_FURTHER_HZ:g} messages per second")
+        return False
 
     def on_message(self, data: bytes) -> None:
         """Convert a message and send it as a sample; a message with a fault is counted and dropped."""
@@ -109,7 +123,7 @@ class InputLink(SampleLink):
             raise InputError(f"a position {reason}")
         if split is None:
             return decoded
-        found = None
+        found, is_static = None, self.entry.topic == STATIC_TRANSFORMS
         for transform in split(decoded):
             parent, child = (
                 self._names.of_cdff(name.lstrip("/"))
@@ -117,7 +131,7 @@ class InputLink(SampleLink):
             )
             is_listed = (parent, child) == (self.entry.frame, self.entry.child)
             try:
-                self._tree.add(parent, child, with_dpm=is_listed)
+                self._tree.add(parent, child, with_dpm=is_listed, is_static=is_static)
             except InputError as error:
                 self.drop("frame_tree", str(error))
             else:

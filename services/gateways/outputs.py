@@ -109,9 +109,9 @@ class OutputLink(ProductLink):
     def _frame_tree(self, value: Any, target: Target, stamp_ns: int) -> Outgoing:
         if not isinstance(value, TransformWithCovariance):
             raise InputError(f"a {type(value).__name__} as {TF}: expected a TransformWithCovariance")
-        self._tree.add(value.parent_frame, value.child_frame, with_dpm=True)
-        transform = transform_message(value, target, self._ros_types, stamp_ns)
         is_static = self.entry.is_latched
+        self._tree.add(value.parent_frame, value.child_frame, with_dpm=True, is_static=is_static)
+        transform = transform_message(value, target, self._ros_types, stamp_ns)
         transforms = self._static.merged(self.entry.topic, transform) if is_static else [transform]
         message = self._ros_types.make("tf2_msgs/TFMessage", transforms=transforms)
         return Outgoing(self.entry.topic, TF, message)

@@ -71,6 +71,8 @@ class StereoLink(InputLink):
         self._on_image(_LEFT, data)
 
     def _on_calibration(self, side: int, data: bytes) -> None:
+        if not self.admits_further():
+            return
         info = self._decoded(data, CAMERA_INFO)
         if info is None:
             return
@@ -86,6 +88,8 @@ class StereoLink(InputLink):
             return
         if side == _RIGHT:
             self.counters.receive(len(data))
+            if not self.admits_further():
+                return
         image = self._decoded(data, self.entry.type)
         if image is None:
             return
@@ -111,7 +115,7 @@ class StereoLink(InputLink):
             self._discard([(w, t) for w in (own, others) for t in w if t < max(stamp_ns, nearest_ns)])
             return nearest_ns, other
         own[stamp_ns] = image
-        self._discard([(own, t) for t in sorted(own)[:-_MAX_WAITING]])
+        self._discard([(own, t) for t in list(own)[:-_MAX_WAITING]])  # the first that have arrived
         return None
 
     def _discard(self, images: list[tuple[dict[int, Any], int]]) -> None:

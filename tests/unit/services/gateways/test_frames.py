@@ -42,6 +42,20 @@ def test_transforms_are_joined_to_the_fixed_frames_of_the_dpm() -> None:
     assert tree.to_map()["parents"] == {"mana/base": "mana/footprint", "mana/odom": "site"}
 
 
+def test_transforms_that_are_no_longer_stated_do_not_count() -> None:
+    tree = FrameTree()
+    tree.add("odom", "base", now_s=100.0)
+    tree.add("base", "mast", now_s=100.0, is_static=True)
+    tree.add("base", "mast", now_s=101.0)
+    with pytest.raises(InputError, match="already below odom"):
+        tree.add("site", "base", now_s=109.0)
+    tree.add("site", "base", now_s=111.0)  # the robot has started again with other frames
+    with pytest.raises(InputError, match="already below site"):
+        tree.add("odom", "base", now_s=111.0)
+    with pytest.raises(InputError, match="already below base"):
+        tree.add("arm", "mast", now_s=1000.0)
+
+
 def test_the_frames_of_the_dpm_are_taken_while_it_answers() -> None:
     class Calls:
         """The part of a bus that is used."""
@@ -66,10 +80,11 @@ def test_the_frames_of_the_dpm_are_taken_while_it_answers() -> None:
 def test_a_tree_has_a_largest_number_of_frames() -> None:
     tree = FrameTree()
     for i in range(1000):
-        tree.add("site", f"f{i}")
+        tree.add("site", f"f{i}", now_s=100.0)
     with pytest.raises(InputError, match="at most 1000 frames"):
-        tree.add("site", "one_more")
-    tree.add("site", "f0")
+        tree.add("site", "one_more", now_s=101.0)
+    tree.add("site", "f0", now_s=105.0)
+    tree.add("site", "one_more", now_s=111.0)  # the others have expired
 
 
 def test_names_of_frames_are_translated_there_and_back() -> None:

@@ -108,6 +108,21 @@ def test_images_without_a_partner_and_without_a_calibration_are_counted() -> Non
     assert robot.dropped == {"content": 1, "pair": 5}
 
 
+def test_a_clock_that_is_set_back_does_not_end_the_pairs() -> None:
+    robot = Robot(2)
+    for topic, message in robot.messages(0, _NS)[1].items():
+        if topic.endswith("camera_info"):
+            robot.send(topic, message)
+    left, right = (f"/nav/{side}/image_rect" for side in ("left", "right"))
+    for i in range(4):
+        robot.send(left, robot.messages(i, _NS + 3_600_000_000_000 + i * 100_000_000)[1][left])
+    for i in range(3):
+        messages = robot.messages(i, _NS + i * 100_000_000)[1]
+        robot.send(left, messages[left])
+        robot.send(right, messages[right])
+    assert [pair.stamp_ns for pair in robot.pairs] == [_NS, _NS + 100_000_000, _NS + 200_000_000]
+
+
 def test_images_that_are_not_rectified_are_rectified_with_their_calibrations() -> None:
     names = {"topic": "/nav/left/image_raw", "right": "/nav/right/image_raw"}
     robot = Robot(2, **names)
