@@ -37,6 +37,9 @@ CREATE TABLE IF NOT EXISTS parts (robot TEXT, key INTEGER, total INTEGER NOT NUL
 CREATE TABLE IF NOT EXISTS requests (id TEXT PRIMARY KEY, robot TEXT NOT NULL, state TEXT NOT NULL,
     made_ns INTEGER NOT NULL, expires_ns INTEGER NOT NULL, body TEXT NOT NULL,
     result TEXT NOT NULL) WITHOUT ROWID;
+CREATE TABLE IF NOT EXISTS changes (robot TEXT, ordinal INTEGER, product_id TEXT NOT NULL, kind TEXT NOT NULL,
+    fields TEXT NOT NULL, PRIMARY KEY (robot, ordinal)) WITHOUT ROWID;
+CREATE TABLE IF NOT EXISTS owned (product_id TEXT, field TEXT, PRIMARY KEY (product_id, field)) WITHOUT ROWID;
 """
 
 
@@ -96,6 +99,26 @@ class RequestRow(NamedTuple):
     expires_ns: int
     body: dict[str, Any]
     result: dict[str, Any] | None
+
+
+class ChangeRow(NamedTuple):
+    """A change of a product of a robot that is not applied at the ground.
+
+    Attributes
+    ----------
+    ordinal : int
+        Ordinal of its event in the store of the robot.
+    product_id : str
+    kind : str
+        ``updated`` or ``deleted``.
+    values : dict
+        Changed fields of the annotation.
+    """
+
+    ordinal: int
+    product_id: str
+    kind: str
+    values: dict[str, Any]
 
 
 class Ledger:
@@ -219,6 +242,33 @@ class Ledger:
         with self.transaction():
             for table in ("announced", "parts"):
                 self._write(f"DELETE FROM {table} WHERE robot = ?", [(robot,)])
+
+    # --- annotations and deletions
+
+    def add_changes(self, robot: str, rows: Iterable[ChangeRow]) -> None:
+        """Add changes of a robot; existing rows stay as they are."""
+        values = [(robot, *row[:3], json.dumps(row.values)) for row in rows]
+        self._write("INSERT OR IGNORE INTO changes VALUES (?, ?, ?, ?, ?)", values)
+
+    def changes(self, robot: str) -> list[ChangeRow]:
+        """Return the changes of a robot that are not applied, oldest first."""
+        rows = self._read(
+            "SELECT ordinal, product_id, kind, fields FROM changes WHERE robot = ? ORDER BY ordinal", (robot,)
+        )
+        return [ChangeRow(ordinal, name, kind, json.loads(text)) for ordinal, name, kind, text in rows]
+
+    def remove_change(self, robot: str, ordinal: int) -> None:
+        """Remove a change that is applied or refused."""
+        self._write("DELETE FROM changes WHERE robot = ? AND ordinal = ?", [(robot, ordinal)])
+
+    def set_owned(self, product_id: str, fields: Iterable[str]) -> None:
+        """Note fields of an annotation that were changed at the ground."""
+        rows = [(product_id, name) for name in fields]
+        self._write("INSERT OR IGNORE INTO owned VALUES (?, ?)", rows)
+
+    def owned(self, product_id: str) -> set[str]:
+        """Return the fields of an annotation that were changed at the ground."""
+        return {row[0] for row in self._read("SELECT field FROM owned WHERE product_id = ?", (product_id,))}
 
     # --- requests
 

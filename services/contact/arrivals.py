@@ -25,6 +25,7 @@ from cdff_common.errors import (
 from dpm_store.exchange.ledger import AnnouncedRow, Ledger
 from dpm_store.history.events import Actor, acting
 from dpm_store.products.records import NAMES
+from services.contact.changes import KINDS, GroundChanges
 from services.contact.conditions import ExchangeAlarms
 from services.contact.packets import Item, ReceivedRecord, item_of, unpack_events
 from services.dpm.operations.dpm import Dpm
@@ -70,8 +71,15 @@ class Arrivals:
     """
 
     def __init__(
-        self, robot: str, dpm: Dpm, ledger: Ledger, alarms: ExchangeAlarms, lock: threading.RLock
+        self,
+        robot: str,
+        dpm: Dpm,
+        ledger: Ledger,
+        alarms: ExchangeAlarms,
+        lock: threading.RLock,
+        changes: GroundChanges,
     ) -> None:
+        self._changes = changes
         self._lock, self._generation = lock, 0
         self._robot, self._dpm, self._ledger, self._alarms = robot, dpm, ledger, alarms
         self._records: dict[int, ReceivedRecord] = {}
@@ -138,6 +146,7 @@ class Arrivals:
             products = list(self._complete.values()) if monotonic_s() >= self._retry_s else []
         self._store_events(bundles)
         stored = self._store_products(products) if products else []
+        self._changes.apply(self._robot)
         with self._lock:
             if generation != self._generation:  # the keys belong to another store now
                 return []
@@ -257,7 +266,9 @@ class Arrivals:
             with acting(Actor(self._robot, "robot", "contact")):
                 for revision in revisions:
                     self._set_frame(revision)
-                entries = [e for e in events if e.scope == self._robot and e.kind != "reanchored"]
+                self._changes.receive(self._robot, events)
+                applied = ("reanchored", *KINDS)
+                entries = [e for e in events if e.scope == self._robot and e.kind not in applied]
                 if entries:
                     self._dpm.writer.record_from(f"contact/{self._robot}", entries)
 

@@ -19,6 +19,7 @@ from cdff_common.interfaces.contact_plan import ContactPlan
 from cdff_common.interfaces.profile import Exchange
 from dpm_store.exchange.ledger import AnnouncedRow, Ledger
 from services.contact.arrivals import Arrivals
+from services.contact.changes import GroundChanges
 from services.contact.conditions import ExchangeAlarms
 from services.contact.estimate import Waiting, estimate
 from services.contact.packets import Item, Kind, pack, unpack
@@ -69,8 +70,10 @@ class GroundEnd:
         self._robots: dict[str, _Robot] = {}
         self._alarms = ExchangeAlarms(dpm.alarms, plan, dpm.clock)
         folder = Path(dpm.store.directory) / FOLDER
-        for robot in sorted({window.robot for window in plan.windows}):
-            arrivals = Arrivals(robot, dpm, self._ledger, self._alarms, self._lock)
+        robots = sorted({window.robot for window in plan.windows})
+        self._changes = GroundChanges(dpm, self._ledger, robots, self.requests.add_change)
+        for robot in robots:
+            arrivals = Arrivals(robot, dpm, self._ledger, self._alarms, self._lock, self._changes)
             receiver = Receiver(robot, folder, self._ledger, arrivals, self._lock)
             self._robots[robot] = _Robot(receiver, arrivals, {})
         self._update_s = self._blocked_s = 0.0
@@ -261,6 +264,7 @@ class GroundEnd:
     def _flush(self, now_s: float) -> None:
         """Store the received items; on a full disk they wait, and further packets are ignored."""
         try:
+            self._changes.scan()
             for state in self._robots.values():
                 state.receiver.flush()
         except (StorageError, OSError) as error:

@@ -11,6 +11,7 @@ from cdff_common.errors import ProductNotFoundError, StorageError
 from cdff_common.interfaces.profile import Exchange
 from dpm_store import Event
 from dpm_store.exchange.ledger import Ledger, OutboxRow, Ranges
+from services.contact.changes import is_exchanged, with_values
 from services.contact.packets import INLINE_BYTES, Item, item_of, pack_events, pack_record
 from services.contact.sender import Sender
 from services.dpm.operations.dpm import Dpm
@@ -19,8 +20,8 @@ from services.dpm.operations.dpm import Dpm
 _BUNDLE, _PAGE = 100, 1000
 #: Priorities of urgent, small and other products; the records of all are sent with the small ones at latest.
 URGENT, SMALL, LARGE = 0, 1, 2
-#: Kinds of events that are not sent: insertions are items of their own, and the ground keeps what a robot
-#: deletes.
+#: Kinds of events that are not sent, except annotations and deletions by callers: insertions are items of
+#: their own, and the ground keeps the products that retention deletes.
 _NOT_SENT = frozenset({"inserted", "updated", "deleted"})
 #: Bytes of a payload that are read from the store at once.
 _BLOCK = 1 << 16
@@ -143,13 +144,13 @@ class Outgoing:
                 revisions = [r for e in sent if e.kind == "reanchored" for r in self._revisions(e)]
                 key = Item.EVENTS.key(sent[0].ordinal)
                 self._bundle = (sent[0].ordinal, last)
-                self._contents[key] = pack_events(sent, revisions)
+                self._contents[key] = pack_events([with_values(e, self._store) for e in sent], revisions)
                 self.sender.add(key, URGENT)
                 return
             self._ledger.set_note("events_sent", last)
 
     def _is_sent(self, event: Event) -> bool:
-        return event.scope == self._robot and event.kind not in _NOT_SENT
+        return event.scope == self._robot and (event.kind not in _NOT_SENT or is_exchanged(event))
 
     def _revisions(self, event: Event) -> list[dict[str, object]]:
         revisions = self._store.frames.revisions(str(event.body["frame"]))

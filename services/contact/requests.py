@@ -18,6 +18,8 @@ from services.dpm.operations.dpm import Dpm
 
 #: Time until a request expires, by default and at most, seconds.
 DEFAULT_EXPIRY_S, MAX_EXPIRY_S = 86_400.0, 30 * 86_400.0
+#: Requests that are sent at once; the uplink of a robot is slow.
+_AT_ONCE = 10
 #: States of requests that are not answered.
 OPEN = ("kept", "accepted", "executed")
 
@@ -57,6 +59,12 @@ class DeferredRequests:
         self._ledger.add_request(RequestRow(request_id, robot, "kept", now_ns, expires_ns, body, None))
         return self.get(request_id)
 
+    def add_change(self, robot: str, request_id: str, body: dict[str, str]) -> None:
+        """Keep a change of an annotation, or deletions, for a robot; see ``services.contact.changes``."""
+        now_ns = self._dpm.clock.now_ns()
+        expires_ns = now_ns + int(MAX_EXPIRY_S) * 1_000_000_000
+        self._ledger.add_request(RequestRow(request_id, robot, "kept", now_ns, expires_ns, body, None))
+
     def get(self, request_id: str) -> dict[str, Any]:
         """Return a request; raises ProductNotFoundError for an unknown id."""
         for row in self._ledger.requests():
@@ -69,8 +77,8 @@ class DeferredRequests:
         return [describe(row) for row in self._ledger.requests()]
 
     def open(self, robot: str) -> list[RequestRow]:
-        """Return the requests that the robot has not accepted."""
-        return [row for row in self._ledger.requests("kept") if row.robot == robot]
+        """Return the oldest requests that the robot has not accepted, as many as are sent at once."""
+        return [row for row in self._ledger.requests("kept") if row.robot == robot][:_AT_ONCE]
 
     def taken(self, request_id: str) -> None:
         """Note that the robot has accepted a request."""

@@ -18,6 +18,7 @@ from cdff_common.errors import CdffError, CodecError, StorageError, UnavailableE
 from cdff_common.interfaces.contact_plan import ContactPlan, ContactWindow
 from cdff_common.interfaces.profile import Exchange
 from dpm_store.exchange.ledger import Ledger, RequestRow
+from services.contact.changes import apply_on_robot
 from services.contact.conditions import ExchangeAlarms
 from services.contact.outgoing import Outgoing
 from services.contact.pacing import Pacer
@@ -32,6 +33,8 @@ Execute = Callable[[dict[str, str], float], dict[str, Any]]
 _STEP_S, _IDLE_S = 0.002, 0.02
 #: Periods of greetings without an answer, of answers that are not noted, and of looks at the store.
 _HELLO_S, _RESULT_S, _SCAN_S, _EXPIRE_S = 0.5, 0.5, 0.2, 0.1
+#: Longest wait for the execution of a request when the end is closed.
+_STOP_S = 2.0
 #: Time between attempts on a full disk.
 _STORAGE_S = 2.0
 #: Time without a packet from the ground, in addition to the round trip, after which the session is opened
@@ -91,6 +94,7 @@ class RobotEnd:
         self._ended.set()
         self._requests.put(None)
         self._threads[0].join()
+        self._threads[1].join(_STOP_S)  # it may wait for the orchestrator
         if self._session is not None:
             self._session.close()
         self._ledger.close()
@@ -250,7 +254,8 @@ class RobotEnd:
             if left_s <= 0:
                 result: dict[str, Any] = {"error": "expired before the robot could execute it"}
             else:
-                result = self._execute(row.body, left_s)
+                is_change = "change" in row.body
+                result = apply_on_robot(self._dpm, row.body) if is_change else self._execute(row.body, left_s)
         except CdffError as error:
             result = {"error": str(error)}
         while not self._ended.is_set():

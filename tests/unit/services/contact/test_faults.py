@@ -43,6 +43,7 @@ def a_receiver(ends: Ends) -> Receiver:
     ground._ended.set()
     for thread in ground._threads:
         thread.join()
+    ground._session.close()  # its threads would keep the process of the tests alive
     receiver: Receiver = ground._robots["mana"].receiver
     receiver.welcome(EPOCH, "store")
     return receiver

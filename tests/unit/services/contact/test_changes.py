@@ -1,0 +1,146 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Annotations and deletions over a contact: of the robot, of the ground, and of both at once."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from typing import Any
+
+import pytest
+
+from cdff_common.errors import CodecError
+from cdff_common.interfaces.contact_plan import ContactPlan
+from cdff_dev.contact.generated_products import product
+from dpm_store.history.events import Actor, acting
+from services.contact.changes import apply_on_robot
+from services.contact.ground_end import GroundEnd
+from services.dpm.operations.dpm import Dpm
+from tests.unit.services.contact.test_exchange import CLOUD, MAP, Ends, ends, is_at_ground, wait_until, window
+
+__all__ = ["ends"]
+ROBOT, OPERATOR = Actor("mana", "robot", "zenoh"), Actor("alice", "operator", "http")
+NUMBERS = (0, 1, 2, MAP)
+
+
+def id_of(number: int) -> str:
+    return product(1, number).header.id
+
+
+def annotate(dpm: Dpm, actor: Actor, number: int, **changes: Any) -> None:
+    with acting(actor):
+        dpm.writer.update(id_of(number), changes, None, actor.name)
+
+
+def delete(dpm: Dpm, actor: Actor, number: int) -> None:
+    with acting(actor):
+        dpm.writer.delete(id_of(number))
+
+
+def annotation(dpm: Dpm, number: int) -> dict[str, Any]:
+    values = dpm.store.annotations.get(id_of(number)).to_dict()
+    return {name: values[name] for name in ("tags", "notes", "pinned")}
+
+
+def contact(ends: Ends, exit_stack: ExitStack, **exchange: Any) -> GroundEnd:
+    """Start both ends in an open window."""
+    plan = ContactPlan(windows=(window(0, 100),))
+    ground: GroundEnd = exit_stack.enter_context(ends.start_ground(plan))
+    exit_stack.enter_context(ends.start_robot(plan, **exchange))
+    return ground
+
+
+@pytest.fixture
+def exchanged(ends: Ends) -> Ends:
+    """Two ends whose products are exchanged."""
+    ends.robot.store.put_all([product(1, n) for n in NUMBERS])
+    with ExitStack() as exit_stack:
+        contact(ends, exit_stack)
+        wait_until(lambda: is_at_ground(ends, *NUMBERS))
+    return ends
+
+
+def test_annotations_and_deletions_of_the_robot_are_applied_at_the_ground(exchanged: Ends) -> None:
+    annotate(exchanged.robot, ROBOT, MAP, tags=["crater"], notes="steep in the north")
+    delete(exchanged.robot, ROBOT, 0)
+    exchanged.robot.store.delete(id_of(1))  # by retention: no caller
+    with ExitStack() as exit_stack:
+        contact(exchanged, exit_stack)
+        wait_until(lambda: not is_at_ground(exchanged, 0))
+        wait_until(lambda: annotation(exchanged.ground, MAP)["tags"] == ["crater"])
+    assert annotation(exchanged.ground, MAP)["notes"] == "steep in the north"
+    assert is_at_ground(exchanged, 1, 2)
+    (event,) = exchanged.ground.store.events.since(kind="deleted")
+    assert event.body["by"] == "contact/robot/mana"
+
+
+def test_annotations_and_deletions_of_the_ground_are_applied_on_the_robot(exchanged: Ends) -> None:
+    with ExitStack() as exit_stack:
+        ground = contact(exchanged, exit_stack)
+        annotate(exchanged.ground, OPERATOR, MAP, tags=["landing"], pinned=True)
+        delete(exchanged.ground, OPERATOR, 0)
+        delete(exchanged.ground, OPERATOR, 2)
+        wait_until(lambda: not exchanged.robot.store.live([id_of(0), id_of(2)]))
+        wait_until(lambda: annotation(exchanged.robot, MAP)["pinned"])
+        wait_until(lambda: {r["state"] for r in ground.requests.everything()} == {"answered"})
+    assert annotation(exchanged.robot, MAP) == {"tags": ["landing"], "notes": "", "pinned": True}
+    assert exchanged.robot.store.live([id_of(1)])
+    assert exchanged.robot.store.annotations.get(id_of(MAP)).author == "alice"
+
+
+def test_a_field_that_the_ground_has_set_keeps_its_value_on_both_sides(exchanged: Ends) -> None:
+    annotate(exchanged.ground, OPERATOR, MAP, tags=["ground"])  # out of contact: neither side has both
+    annotate(exchanged.robot, ROBOT, MAP, tags=["robot"], notes="of the robot")
+    expected = {"tags": ["ground"], "notes": "of the robot", "pinned": False}
+    with ExitStack() as exit_stack:
+        ground = contact(exchanged, exit_stack)
+        wait_until(lambda: annotation(exchanged.ground, MAP) == expected)
+        wait_until(lambda: annotation(exchanged.robot, MAP) == expected)
+        wait_until(lambda: {r["state"] for r in ground.requests.everything()} == {"answered"})
+        annotate(exchanged.robot, ROBOT, MAP, tags=["robot_again"])
+        wait_until(lambda: annotation(exchanged.robot, MAP)["tags"] == ["ground"])
+    assert annotation(exchanged.ground, MAP) == expected
+
+
+@pytest.mark.slow
+def test_a_change_waits_for_its_product(ends: Ends) -> None:
+    ends.robot.store.put_all([product(1, CLOUD)])
+    annotate(ends.robot, ROBOT, CLOUD, notes="dust")
+    with ExitStack() as exit_stack:
+        ground = contact(ends, exit_stack)
+        wait_until(lambda: ground._ledger.changes("mana") or is_at_ground(ends, CLOUD))
+        wait_until(lambda: is_at_ground(ends, CLOUD) and annotation(ends.ground, CLOUD)["notes"] == "dust")
+        wait_until(lambda: not ground._ledger.changes("mana"))
+
+
+@pytest.mark.slow
+def test_a_product_that_is_pinned_at_the_ground_is_not_deleted_and_the_history_states_why(
+    exchanged: Ends,
+) -> None:
+    annotate(exchanged.ground, OPERATOR, 0, pinned=True)
+    delete(exchanged.robot, ROBOT, 0)
+    with ExitStack() as exit_stack:
+        contact(exchanged, exit_stack)
+        wait_until(lambda: exchanged.ground.store.events.since(kind="change_refused"))
+    (event,) = exchanged.ground.store.events.since(kind="change_refused")
+    assert (event.body["id"], event.body["change"]) == (id_of(0), "deleted")
+    assert "pinned" in event.body["reason"]
+    assert is_at_ground(exchanged, 0)
+
+
+@pytest.mark.slow
+def test_notes_that_do_not_fit_in_a_datagram_are_refused_with_the_reason(exchanged: Ends) -> None:
+    annotate(exchanged.ground, OPERATOR, MAP, notes="x" * 2000, tags=["long"])
+    with ExitStack() as exit_stack:
+        contact(exchanged, exit_stack)
+        wait_until(lambda: annotation(exchanged.robot, MAP)["tags"] == ["long"])
+        wait_until(lambda: exchanged.ground.store.events.since(kind="change_refused"))
+    (event,) = exchanged.ground.store.events.since(kind="change_refused")
+    assert "fits in one datagram" in event.body["reason"]
+    assert annotation(exchanged.robot, MAP)["notes"] == ""
+
+
+@pytest.mark.parametrize("body", [{"change": "update", "id": "a", "values": "{"}, {"change": "delete"}])
+def test_a_change_that_cannot_be_read_is_refused(exchanged: Ends, body: dict[str, str]) -> None:
+    with pytest.raises(CodecError, match="cannot be read"):
+        apply_on_robot(exchanged.robot, body)
