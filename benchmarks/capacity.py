@@ -49,6 +49,8 @@ PROCESSES = ("router", "dpm", "orchestrator")
 #: Activity of one robot per second: heartbeats of its DFPCs, stored poses, megabytes of clouds and maps,
 #: searches of operators, requests of its autonomy framework.
 ROBOT = {"heartbeat": 7.0, "pose": 1.0, "megabyte": 0.02, "search": 0.02, "request": 0.1}
+#: Assumed prices of a core for an hour, and of a stored gigabyte for a month, in one currency.
+PRICE_CORE_H, PRICE_GB_MONTH = 0.04, 0.02
 #: Fraction of one core that a process in Python can use before its answers are late.
 _USABLE = 0.7
 _SIZES = (1, 10, 100, 1000)
@@ -216,6 +218,10 @@ def model(measured: dict[str, Any]) -> dict[str, Any]:
             "insertions_per_s": round(robots * (ROBOT["pose"] + ROBOT["megabyte"] / measured["cloud_mb"]), 2),
             "cpu": {name: round(value, 3) for name, value in load.items()},
             "cores": round(sum(load.values()), 2),
+            "price_per_month": round(
+                720.0 * sum(load.values()) * PRICE_CORE_H
+                + 30.0 * robots * ROBOT["megabyte"] * 86.4 * PRICE_GB_MONTH
+            ),
         }
     saturated = {}
     for name in PROCESSES:
