@@ -64,7 +64,8 @@ def test_samples_arrive_numbered_with_frame_stamp_and_value(
     messages = subscribed(consumer, "imu", "sample")
     t0_ns = wall_ns()
     with Sensor("imu/sample", IMUSensors, frame="mana/imu", connect=endpoint) as imu:
-        assert consumer.alive(keys.alive("mana", "sensor_imu_sample"))
+        token = keys.alive("mana", "sensor_imu_sample")
+        wait_until(lambda: consumer.alive(token), 10.0, "the token of the sensor has passed the router")
         for i in range(5):
             assert imu.publish(reading(), t0_ns + 10 * MS * i + 999)
     eventually(lambda: len(messages) == 5)
