@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import shutil
 import subprocess
@@ -61,6 +62,28 @@ def install(uv: list[str], wheel: Path, extra: str, folder: Path) -> Path:
         if result.returncode == 0:
             return python.parent
     raise AssertionError(result.stderr)
+
+
+def test_wheel_and_sdist_are_reproducible(wheel: Path, tmp_path: Path) -> None:
+    """Two builds from other folders, with other modes and times of the files, have the same bytes."""
+    tracked = run(["git", "ls-files", "-z"], ROOT)
+    if tracked.returncode != 0:
+        pytest.skip("not a git checkout, the list of files is unknown")
+    copy, out = tmp_path / "copy", tmp_path / "dist"
+    for name in filter(None, tracked.stdout.split("\0")):
+        if (ROOT / name).is_file():
+            target = copy / name
+            target.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(ROOT / name, target)
+            target.chmod(0o700 if (ROOT / name).stat().st_mode & 0o100 else 0o600)
+            os.utime(target, (1_000_000_000, 1_000_000_000))
+    build = run([sys.executable, "-m", "hatchling", "build", "-d", out], copy)
+    assert build.returncode == 0, build.stderr
+    digests = [
+        {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(folder.iterdir())}
+        for folder in (wheel.parent, out)
+    ]
+    assert digests[0] == digests[1]
 
 
 def test_the_client_installation_contains_no_algorithm_library(
