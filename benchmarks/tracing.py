@@ -6,16 +6,21 @@
 
 The stand-in hosts of ``--robots`` rovers store a pose of each rover at ``--rate-hz`` in the DPM, as
 ``benchmarks/orchestrator.py`` does; a client sends requests for poses at a constant rate. ``off`` and
-``on`` are systems without and with ``CDFF_TRACES`` (a folder), started one after the other in changing order;
-the value of a round is the CPU time of all processes in ``--seconds``. ``per_request_us`` is the CPU time of
-the spans of one request, measured with requests without a pause.
+``on`` are systems without and with ``CDFF_TRACES`` (a folder), started one after the other in changing
+order; the value of a round is the CPU time of all processes in ``--seconds``. ``per_request_us`` is the
+CPU time of the spans of one request, measured with requests without a pause. ``span_us`` is the CPU
+time of one span of a call in this process, with its export to a file and the context in the attachments
+of caller and callee; ``mission`` is the CPU time of the spans of the demonstration (``cdff demo
+--once``, all processes), relative to that of all its processes.
 """
 
 from __future__ import annotations
 
 import argparse
 import os
+import resource
 import statistics
+import subprocess
 import sys
 import tempfile
 import time
@@ -30,9 +35,12 @@ from _report import write_report  # noqa: E402
 from _services import cpu_s  # noqa: E402
 from orchestrator import system  # noqa: E402
 
+from cdff_common import tracing  # noqa: E402
 from cdff_common.bus import Bus, keys  # noqa: E402
+from cdff_common.bus.message import pack, split_context, with_context  # noqa: E402
 from cdff_common.tracing import VARIABLE  # noqa: E402
 
+_KEY = "cdff/@v1/mana/orchestrator/@rpc/request"
 _FLEET = Path(__file__).with_name("_fleet.py")
 
 
@@ -73,6 +81,40 @@ def run(args: argparse.Namespace, *, is_on: bool) -> dict[str, Any]:
     return {"cpu_s_per_s": paced_s, "request_us": burst_us, "requests": count, "spans": spans}
 
 
+def span_us(count: int = 20_000) -> float:
+    """Return the CPU time of one span, microseconds, less that of the same calls without a trace."""
+    header = pack({"id": "a" * 36, "seq": 1, "frame": "site"})
+
+    def work() -> None:
+        for _ in range(count):
+            for _ in tracing.traced(_KEY, tracing.current(), iter((b"",))):
+                split_context(with_context(header))
+
+    times = []
+    for is_on in (False, True):
+        with tempfile.TemporaryDirectory() as folder:
+            if is_on:
+                tracing.start("benchmark", {VARIABLE: folder})
+            start_s = time.process_time()
+            work()
+            tracing.stop()
+            times.append(time.process_time() - start_s)
+    return round(1e6 * (times[1] - times[0]) / count, 1)
+
+
+def mission(cost_us: float) -> dict[str, float]:
+    """Return spans and CPU seconds of the demonstration with traces, and the fraction that the spans take."""
+    with tempfile.TemporaryDirectory() as name:
+        environment = {**os.environ, VARIABLE: name}
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        command = [sys.executable, "-m", "cdff_common.cli", "demo", "--once"]
+        subprocess.run(command, env=environment, check=True, stdout=subprocess.DEVNULL)
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        spans = sum(file.read_text().count('"spanId"') for file in Path(name).glob("*.jsonl"))
+    used_s = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return {"spans": spans, "cpu_s": round(used_s, 1), "fraction": round(1e-6 * spans * cost_us / used_s, 5)}
+
+
 def request(bus: Bus, robot: int) -> None:
     """Request the pose of a rover and check that there is an answer."""
     key = keys.orchestrator_rpc("ground", "request")
@@ -93,6 +135,7 @@ def main() -> None:
     parser.add_argument("--burst", type=int, default=300)
     parser.add_argument("--out", type=Path)
     args = parser.parse_args()
+    cost_us = span_us()
     rounds: dict[bool, list[dict[str, Any]]] = {False: [], True: []}
     for number in range(args.rounds):
         for is_on in (False, True) if number % 2 == 0 else (True, False):
@@ -103,6 +146,7 @@ def main() -> None:
         for is_on in (False, True)
     )
     report |= {"off": off, "on": on}
+    report |= {"span_us": cost_us, "mission": mission(cost_us)}
     report["per_request_us"] = round(on["request_us"] - off["request_us"], 1)
     report["ratio"] = round(on["cpu_s_per_s"] / off["cpu_s_per_s"], 4)
     report["ratio_from_request_cost"] = round(

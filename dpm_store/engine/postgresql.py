@@ -309,12 +309,15 @@ def candidates_between(
     limit: int | None = None,
 ) -> list[tuple[int, float]]:
     """Return ordinals and end keys of products in an interval of time; see ``Dialect.candidates_between``."""
+    latest_s = _LARGEST_BOUND if started_before_s is None else started_before_s
+    # A product that ends after the earliest end and started before the latest start was made between the two.
+    times_s = (ends_s[0], min(ends_s[1], max(ends_s[0], latest_s)))
     values = {
         "buckets": [bucket for bucket, _ in boxes],
-        "shapes": [_shape(box, ends_s) for _, box in boxes],
+        "shapes": [_shape(box, times_s) for _, box in boxes],
         "low": ends_s[0],
         "high": ends_s[1],
-        "latest": _LARGEST_BOUND if started_before_s is None else started_before_s,
+        "latest": latest_s,
         "limit": None if limit is None else limit + 1,
     }
     rows = _driver(connection).execute(_BETWEEN.format(index).encode(), values).fetchall()
