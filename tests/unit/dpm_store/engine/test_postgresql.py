@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import random
 import subprocess
 import sys
 import threading
@@ -14,12 +15,13 @@ import pytest
 from sqlalchemy import inspect, select, text
 
 from cdff_common.clock import ManualClock
-from cdff_common.errors import ConfigurationError, StorageError
+from cdff_common.errors import CdffError, ConfigurationError, StorageError
 from dpm_store import Query, Store, open_store
 from dpm_store import engine as engines
 from dpm_store.engine import schema
 from dpm_store.engine.database import DIALECTS
 from dpm_store.engine.location import parse_url
+from dpm_store.payloads.object_store import ObjectStore
 from dpm_store.payloads.payloads import PACKED_BYTES
 from tests.support import postgresql, seaweedfs
 from tests.support.store_products import header, put
@@ -156,6 +158,52 @@ def test_a_store_with_wrong_keys_is_refused(
         monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "wrong")
         with pytest.raises(ConfigurationError, match="AWS_SECRET_ACCESS_KEY"):
             open_store(durable.url("a", tmp_path / "data", f"s3://{seaweedfs.BUCKET}/a"))
+
+
+@pytest.mark.slow
+def test_a_half_written_object_is_reported_and_never_served(
+    durable: postgresql.Cluster, tmp_path: Path, clock: ManualClock
+) -> None:
+    if reason := seaweedfs.missing():
+        pytest.skip(reason)
+    payload = random.Random(1).randbytes(2 * PACKED_BYTES)  # of which each has an object of its own
+    with seaweedfs.object_server():
+        url = durable.url("a", tmp_path / "first", f"s3://{seaweedfs.BUCKET}/a")
+        with open_store(url, clock) as store:
+            put(store, header(0), payload)
+            put(store, header(1), payload[::-1])
+        objects = ObjectStore(f"s3://{seaweedfs.BUCKET}/a")
+        half = max((size, name) for page in objects.list("") for name, size in page)[1]
+        objects.put(half, objects.get(half)[:PACKED_BYTES])
+        with open_store(copy_of(url, tmp_path / "second"), clock) as store:
+            answers = []
+            for seq in (0, 1):
+                try:
+                    answers.append(store.payload(header(seq).id))
+                except CdffError as error:
+                    answers.append(type(error).__name__)
+            assert len([a for a in answers if isinstance(a, bytes)]) == 1
+            assert set(answers) <= {payload, payload[::-1], "StorageError", "CorruptPayloadError"}
+            assert len(store.verify()) == 1
+            put(store, header(2), b"other")
+            assert store.payload(header(2).id) == b"other"
+
+
+@pytest.mark.slow
+def test_a_database_that_only_reads_refuses_insertions_and_answers_searches(
+    durable: postgresql.Cluster, tmp_path: Path, clock: ManualClock
+) -> None:
+    url = durable.url("a", tmp_path / "data")
+    with open_store(url, clock) as store:
+        put(store, header(0))
+    durable.execute("ALTER DATABASE a SET default_transaction_read_only = on")
+    with open_store(url, clock) as store:
+        with pytest.raises(StorageError, match="read-only transaction"):
+            put(store, header(1))
+        assert [r.id for r in store.search(Query()).items] == [header(0).id]
+    durable.execute("ALTER DATABASE a SET default_transaction_read_only = off")
+    with open_store(url, clock) as store:
+        assert put(store, header(1))
 
 
 @pytest.mark.slow
