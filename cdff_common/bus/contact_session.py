@@ -31,8 +31,18 @@ class ContactSession:
 
     @classmethod
     def listen(cls, endpoint: str) -> Self:
-        """Open the end of the ground; raises UnavailableError if the endpoint cannot be listened on."""
-        settings = {"listen/endpoints": [endpoint], "listen/exit_on_failure": True}
+        """Open the end of the ground; with an identity, each robot can send only its own packets.
+
+        Raises
+        ------
+        ConfigurationError
+            If the endpoint and the identity do not fit, or the identity has no access-control list.
+        UnavailableError
+            If the endpoint cannot be listened on.
+        """
+        settings: dict[str, object] = {"listen/endpoints": [endpoint], "listen/exit_on_failure": True}
+        if (identity := Identity.of_environment()) is not None:
+            settings["access_control"] = identity.access_control()
         return cls._open(endpoint, settings, "is another process using it?")
 
     @classmethod
