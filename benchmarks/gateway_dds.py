@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Latency that the gateway to ROS 2 on DDS adds to a cloud, compared with its bytes over DDS and Zenoh.
 
-    PYTHONPATH=.:build/cyclonedds python benchmarks/gateway_dds.py [--out FILE] [--rounds N]
+    PYTHONPATH=build/cyclonedds python benchmarks/gateway_dds.py [--out FILE] [--rounds N]
 
 Router and gateway are processes. A program publishes a ``PointCloud2`` of 1 MB with Cyclone DDS, one message
 at a time. ``dds`` is the time to a reader of a second participant in this process, ``zenoh`` that of the same

@@ -5,9 +5,12 @@
     python benchmarks/gateway_ros2.py [--out FILE] [--rounds N]
 
 Router and gateway are processes. A program publishes a ``PointCloud2`` of 1 MB under a key without the
-gateway, and under the key of the topic, in turn, one message at a time; it receives both, the second as a
-sample of MessagePack. ``gateway_cpu`` is the CPU time of the gateway's process for a cloud. ``mb_per_s`` is
-the rate at which clouds arrive if at most four of them are in flight.
+gateway (``raw``), and under the key of the topic (``gateway``), in turn, one message at a time; it receives
+both, the second as a sample of MessagePack. ``sample`` is that of the bytes of the sample, which has more,
+without the gateway. ``added`` is the time with the gateway minus ``raw``; ``alone`` is the time minus ``raw``
+and ``sample``, that in the gateway without the two ways over the router. ``gateway_cpu`` is the CPU time of
+the gateway's process for a cloud. ``mb_per_s`` is the rate at which clouds arrive if at most four of them are
+in flight.
 """
 
 from __future__ import annotations
@@ -86,12 +89,15 @@ def latencies_ms(
     """
     types = RosTypes(2)
     topic = rmw_zenoh.data_key(0, "/points", CLOUD, message_hash(types.store.fielddefs, CLOUD))
-    targets = {"raw": "benchmark/raw", "gateway": topic}
+    targets = {"raw": "benchmark/raw", "sample": "benchmark/sample", "gateway": topic}
+    samples = [b""]
     received: dict[str, queue.Queue[float]] = {name: queue.Queue() for name in targets}
 
     def arrival(name: str) -> Any:
-        def on_message(_: Message) -> None:
+        def on_message(message: Message) -> None:
             received[name].put(time.perf_counter())
+            if name == "gateway":
+                samples[0] = message.payload
 
         return on_message
 
@@ -102,13 +108,14 @@ def latencies_ms(
         while not client.alive(keys.alive("mana", "gateway_ros2")):
             if time.monotonic() > deadline_s:
                 raise TimeoutError("the gateway is not ready after 60 s")
-        client.subscribe(targets["raw"], arrival("raw"))
+        for name in ("raw", "sample"):
+            client.subscribe(targets[name], arrival(name))
         client.subscribe(keys.sensor("mana", "lidar", "scan"), arrival("gateway"))
         time.sleep(1.0)
         start_cpu_s = 0.0
         for i in range(rounds + _WARM_UP):
             for name, key in targets.items():
-                data = cloud(types, points)
+                data = samples[0] if name == "sample" else cloud(types, points)
                 attachment = rmw_zenoh.Attachment(i + 1, wall_ns(), bytes(16)).to_bytes()
                 start_s = time.perf_counter()
                 robot.publish(key, data, encoding=rmw_zenoh.ENCODING, attachment=attachment)
@@ -119,7 +126,7 @@ def latencies_ms(
                     latencies_by_route[name].append(1e3 * (end_s - start_s))
         cpu_ms = 1e3 * (cpu_s(gateway_pid) - start_cpu_s) / rounds
         rates = {}
-        for name, key in targets.items():
+        for name, key in ((n, k) for n, k in targets.items() if n != "sample"):
             clouds = [cloud(types, points) for _ in range(_BURST)]
             rates[name] = rate_mb_per_s(robot, key, clouds, received[name])
     return latencies_by_route, cpu_ms, rates
@@ -150,9 +157,11 @@ def main() -> None:
         for name, times in latencies_by_route.items()
     }
     report = {name: {q: round(v, 2) for q, v in of.items()} for name, of in quantiles.items()}
-    report["added"] = {
-        q: round(quantiles["gateway"][q] - quantiles["raw"][q], 2) for q in ("p50_ms", "p10_ms")
-    }
+    for name, others in (("added", ("raw",)), ("alone", ("raw", "sample"))):
+        report[name] = {
+            q: round(quantiles["gateway"][q] - sum(quantiles[other][q] for other in others), 2)
+            for q in ("p50_ms", "p10_ms")
+        }
     mb_per_cpu_s = round(12e-6 * POINTS / (1e-3 * cpu_ms))
     report["gateway_cpu"] = {"ms": round(cpu_ms, 2), "mb_per_cpu_s": mb_per_cpu_s}
     report["mb_per_s"] = {name: round(rate) for name, rate in rates.items()}

@@ -4,11 +4,14 @@
 
     python benchmarks/run.py [NAME ...]
 
+``gateway_dds`` needs Cyclone DDS, which ``make peers`` installs in ``build/cyclonedds``.
+
 Results depend on the machine and its load: compare ratios, and state the machine.
 """
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -26,11 +29,13 @@ def main() -> int:
         print(f"no benchmark {unknown[0]!r}; known are {', '.join(benchmarks)}", file=sys.stderr)
         return 2
     OUT.mkdir(parents=True, exist_ok=True)
+    packages = [os.environ.get("PYTHONPATH", ""), str(HERE.parent / "build" / "cyclonedds")]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, packages))}
     failed = []
     for name in names:
         print(f"==== {name}", flush=True)
         command = [sys.executable, str(benchmarks[name]), "--out", str(OUT / f"{name}.json")]
-        if subprocess.run(command, cwd=HERE.parent, check=False).returncode:
+        if subprocess.run(command, cwd=HERE.parent, env=environment, check=False).returncode:
             failed.append(name)
     if failed:
         print(f"failed: {', '.join(failed)}", file=sys.stderr)
