@@ -39,11 +39,12 @@ _TEMPERATURE = 2.0
 _OUTLINE_RAYS = 200
 #: A hypothesis is not refined if its cost exceeds the smallest cost by more than this.
 _HOPELESS = 60.0
-#: Further difference for half turns, which are not yet aligned, relative to the smallest cost.
+#: Further difference for half turns, which are not yet aligned, relative to the smallest cost, of which at
+#: most 1 for each ray counts, since the model of a real body does not explain all its measurements.
 _TURNED = 0.25
-#: Searches of the best pose and of its half turns, decrease of the cost after which they are repeated, and
-#: cost of a ray above which the best pose itself is searched again.
-_TURN_ROUNDS, _IMPROVEMENT, _POOR = 4, 2.0, 1.25
+#: Searches of the best pose and of its half turns, decrease of the cost after which they are repeated,
+#: absolute and relative, and cost of a ray above which the best pose itself is searched again.
+_TURN_ROUNDS, _IMPROVEMENT, _RELATIVE_IMPROVEMENT, _POOR = 4, 2.0, 0.02, 1.25
 #: Rays that must meet the model for an estimate of the noise.
 _MIN_RESIDUALS = 10
 _REGISTRATION_STEPS, _SIGMAS, _MIN_SCALE = 4, 3.0, 0.015
@@ -115,7 +116,8 @@ class PoseRefiner:
             is_poor = best.cost > _POOR * len(self._view.points_m)
             starts = [*self._half_turns(best), *([best.T] if is_poor else [])]
             refined_poses += [self._search(T) for T in starts]
-            if min(refined.cost for refined in refined_poses) > best.cost - _IMPROVEMENT:
+            least_decrease = max(_IMPROVEMENT, _RELATIVE_IMPROVEMENT * best.cost)
+            if min(refined.cost for refined in refined_poses) > best.cost - least_decrease:
                 break
         return sorted(refined_poses, key=lambda refined: refined.cost)
 
@@ -133,7 +135,8 @@ class PoseRefiner:
         costs = likelihood(self._view, *self._mesh, poses, self._sigma_m).cost
         # The better centre for each axis.
         rows = np.argmin(costs.reshape(2, 3), axis=0) * 3 + np.arange(3)
-        return list(poses[rows[costs[rows] < (1.0 + _TURNED) * best.cost + _HOPELESS]])
+        difference = _TURNED * min(best.cost, len(self._view.points_m)) + _HOPELESS
+        return list(poses[rows[costs[rows] < best.cost + difference]])
 
     def estimate_noise(self, poses: FloatArray, least_m: float) -> float:
         """Reduce the noise to that of the range residuals at the best of poses T_view_model (k, 4, 4);
