@@ -143,8 +143,10 @@ function drawLegend() {
   byId("map-legend").replaceChildren(...colors.map(([value, color], i) => {
     const swatch = make("i");
     swatch.style.background = color;
-    const ends = i === 0 || i === colors.length - 1;
-    return make("span", null, swatch, isClasses ? classes[i] : ends ? `${value}${unit}` : "");
+    if (isClasses) return make("span", null, swatch, classes[i]);
+    const text = `${value}${unit}`;
+    if (i === 0) return make("span", null, `${text} `, swatch);
+    return make("span", null, swatch, i === colors.length - 1 ? text : "");
   }));
 }
 
