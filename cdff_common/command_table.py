@@ -11,7 +11,7 @@ GROUPS: dict[str, dict[str, str]] = {
         "replay": "replay a log through a DFPC or a mission, without middleware, repeatably",
         "eval": "compare results with ground truth, or two runs with each other",
         "map": "maps of keyframes for visual_localisation, from images with known poses",
-        "calibrate": "cameras, hand-eye and camera-lidar from a board; mounts and wheels from one drive",
+        "calibrate": "cameras, also with a hand, lidar or IMU, from a board; mounts and wheels from a drive",
         "log": "show, cut, merge, convert, compare and export logs",
         "world": "frames with covariances, and items, at a mission time",
         "view": "show logs, runs or the running system in a viewer",

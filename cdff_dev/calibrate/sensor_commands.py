@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Command lines of ``cdff calibrate hand-eye`` and ``cdff calibrate camera-lidar``."""
+"""Command lines of ``cdff calibrate hand-eye``, ``camera-lidar`` and ``camera-imu``."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def add_sensor_verbs(verbs: Any) -> None:
-    """Add the verbs ``hand-eye`` and ``camera-lidar``."""
+    """Add the verbs ``hand-eye``, ``camera-lidar`` and ``camera-imu``."""
     parser = _sensor_parser(
         verbs,
         "hand-eye",
@@ -57,6 +57,35 @@ def add_sensor_verbs(verbs: Any) -> None:
         help="largest difference of the stamps of image and scan (default: 0.02)",
     )
     parser.set_defaults(run=run_camera_lidar)
+    parser = _sensor_parser(
+        verbs,
+        "camera-imu",
+        "pose, clock offset and biases of an IMU at a camera, from a motion in front of a fixed board",
+        "PATH is a log with images and readings, or a folder with imu.csv and the folder images, where the "
+        "names of files are times. Images that contradict the others are dropped.",
+    )
+    parser.add_argument(
+        "--readings", metavar="FILE", type=Path, help="table of the readings of the IMU, if not in the log"
+    )
+    parser.add_argument("--imu", metavar="STREAM", help="readings of the IMU, if there are several streams")
+    parser.add_argument(
+        "--imu-frame", metavar="FRAME", help="frame of the IMU (default: that of the readings)"
+    )
+    parser.add_argument(
+        "--gravity",
+        metavar="G",
+        type=float,
+        default=9.80665,
+        help="acceleration of gravity at this place, m/s2 (default: 9.80665)",
+    )
+    parser.add_argument(
+        "--max-offset-s",
+        metavar="S",
+        type=float,
+        default=1.0,
+        help="largest offset of the clocks that is tried (default: 1)",
+    )
+    parser.set_defaults(run=run_camera_imu)
 
 
 def _sensor_parser(verbs: Any, verb: str, summary: str, description: str) -> argparse.ArgumentParser:
@@ -136,6 +165,40 @@ def run_camera_lidar(args: argparse.Namespace) -> int:
     return _finish(args, result, parent, child, output, extra, images.stamps_ns)
 
 
+def run_camera_imu(args: argparse.Namespace) -> int:
+    """Print pose, clock offset and biases of the IMU; write its mount to the profile and the DPM if asked."""
+    from cdff_common.errors import InputError
+    from cdff_core.calibration.camera_imu import PARAMETERS, camera_imu_calibration
+    from cdff_dev.calibrate.board_files import read_board
+    from cdff_dev.calibrate.sensor_data import board_images, imu_readings
+
+    _check_options(args)
+    for option, value, largest in (
+        ("--gravity", args.gravity, 30.0),
+        ("--max-offset-s", args.max_offset_s, 60.0),
+    ):
+        if not 0.0 < value <= largest:
+            raise InputError(f"{option} {value:g}: expected a value above 0 and up to {largest:g}")
+    readings = imu_readings(args.path, args.readings, args.imu)
+    images = board_images(args.path, read_board(args.board), args.camera, args.stream)
+    result = camera_imu_calibration(
+        images.stamps_ns,
+        images.poses,
+        readings.stamps_ns,
+        readings.force_m_s2,
+        readings.rate_rad_s,
+        gravity_m_s2=args.gravity,
+        largest_offset_s=args.max_offset_s,
+    )
+    parent = args.camera_frame or images.frame or "camera"
+    child = args.imu_frame or readings.frame or "imu"
+    extra: dict[str, Any] = {"images": len(images.stamps_ns), "paired_by": "time"}
+    extra |= {"parameters": list(PARAMETERS), "parameter_covariance": result.covariance.tolist()}
+    extra |= {"gravity_m_s2": result.values[12:15].tolist()}
+    output = _mount(args, parent, child, result.pose.transform)
+    return _finish(args, result.pose, parent, child, output, extra, images.stamps_ns)
+
+
 def _check_options(args: argparse.Namespace) -> None:
     from cdff_common.errors import InputError
 
@@ -157,17 +220,17 @@ def _size(text: str) -> tuple[float, float]:
 
 
 def _mount(
-    args: argparse.Namespace, camera: str, lidar: str, T: UncertainTransform
+    args: argparse.Namespace, camera: str, sensor: str, T: UncertainTransform
 ) -> tuple[str, str, UncertainTransform]:
     """Return parent, child and transform of the edge to write: below the base with a profile."""
     if args.profile is None:
-        return camera, lidar, T
+        return camera, sensor, T
     from cdff_common.interfaces.profile import load_profile
 
     profile = load_profile(args.profile)
     robot = profile.robot(args.robot) if args.robot else profile.robots[0]
     base = f"{robot.id}/base"
-    return base, lidar, robot.frame_graph().lookup(base, camera, 0) @ T
+    return base, sensor, robot.frame_graph().lookup(base, camera, 0) @ T
 
 
 def _finish(

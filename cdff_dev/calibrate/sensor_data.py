@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Images of a board with poses of a hand or scans of a lidar of the same times, from logs and folders."""
+"""Images of a board with poses of a hand, scans of a lidar or readings of an IMU, from logs and folders."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from cdff_core.calibration.adjustment import View
 from cdff_core.calibration.board_poses import BoardPose, board_poses_of
 from cdff_core.calibration.boards import Board
 from cdff_dev.calibrate.board_views import grey_of_frame
-from cdff_dev.calibrate.drive import frame_of
+from cdff_dev.calibrate.drive import Inertial, frame_of, inertial
 from cdff_dev.logs.opened import opened
 from cdff_dev.logs.source import LogSource
 
@@ -100,6 +100,21 @@ def hand_poses(
         samples = sorted(log.samples([name]), key=lambda sample: sample.stamp_ns)
         poses = np.array([sample.value.transform.matrix for sample in samples])
         return samples[0].value.child_frame, np.array([s.stamp_ns for s in samples], np.int64), poses
+
+
+def imu_readings(path: Path, file: Path | None, stream: str | None) -> Inertial:
+    """Return the readings of an IMU: of a table (default ``imu.csv`` in the folder), or of the log.
+
+    Raises
+    ------
+    InputError
+        If there is not one stream of readings.
+    """
+    default = path / "imu.csv"
+    if file is None and path.is_dir() and default.is_file():
+        file = default
+    with opened(path if file is None else file) as log:
+        return inertial(log, one_stream(log, ("IMUSensors",), "readings of an IMU", stream, "--imu"))
 
 
 def poses_at(

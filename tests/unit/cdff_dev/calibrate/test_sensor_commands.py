@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""``cdff calibrate hand-eye`` and ``camera-lidar`` on folders of rendered images and simulated scans."""
+"""``cdff calibrate hand-eye``, ``camera-lidar`` and ``camera-imu`` on folders of rendered images."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ from cdff_common.cli import main
 from cdff_common.geometry import se3
 from cdff_common.interfaces.profile import load_profile
 from cdff_dev.calibrate.sensor_data import poses_at
-from tests.support.board_folder import T_BASE_LIDAR, T_HAND_CAMERA, TEXT, write_board_folder
+from tests.support.board_folder import T_BASE_CAMERA, T_BASE_LIDAR, T_HAND_CAMERA, TEXT, write_board_folder
+from tests.support.board_motion_folder import BIASES, OFFSET_S, T_CAMERA_IMU, write_motion_folder
 
 PROFILE = """
 name: rover
@@ -26,6 +27,7 @@ robots:
         translation_m: [0.2, 0.1, 0.9]
         quaternion_xyzw: [-0.5, 0.5, -0.5, 0.5]
       - {parent: rover/base, child: rover/lidar, translation_m: [0.0, 0.0, 1.0]}  # to be calibrated
+      - {parent: rover/base, child: rover/imu, translation_m: [0.0, 0.0, 0.5]}
 """
 
 
@@ -67,6 +69,38 @@ def test_the_mount_of_a_lidar_is_written_to_the_profile(
     assert np.linalg.norm(edge.matrix[:3, 3] - T_BASE_LIDAR[:3, 3]) < 0.02
     assert se3.rotation_angle(edge.matrix[:3, :3].T @ T_BASE_LIDAR[:3, :3]) < np.deg2rad(0.6)
     assert "# to be calibrated" in profile.read_text()
+
+
+def test_pose_offset_and_biases_of_an_imu_are_found_from_a_folder_and_written_to_the_profile(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_motion_folder(tmp_path)
+    profile = tmp_path / "rover.yaml"
+    profile.write_text(PROFILE)
+    command = ["calibrate", "camera-imu", str(tmp_path), "--board", TEXT, "--write"]
+    command += ["--camera", str(tmp_path / "camera.yaml"), "--profile", str(profile)]
+    command += ["--camera-frame", "rover/camera", "--imu-frame", "rover/imu", "--out", str(tmp_path / "out")]
+    assert main(command) == 0
+    output = capsys.readouterr().out
+    assert "rover/imu in rover/camera" in output
+    assert "assessment: good" in output
+    document = json.loads((tmp_path / "out" / "calibration.json").read_text())
+    T, sigma = np.array(document["T"]), np.sqrt(np.diag(document["parameter_covariance"]))
+    rotation = se3.log_so3(T_CAMERA_IMU[:3, :3] @ T[:3, :3].T)
+    assert (np.abs(T[:3, 3] - T_CAMERA_IMU[:3, 3]) < 4.5 * sigma[:3]).all()
+    assert (np.abs(rotation) < 4.5 * sigma[3:6]).all()
+    assert np.rad2deg(np.linalg.norm(rotation)) < 0.3
+    figures = document["figures"]
+    gyro_bias = np.array([figures[f"gyro_bias_{axis}_rad_s"] for axis in "xyz"])
+    assert (np.abs(gyro_bias - BIASES[:3]) < 4.5 * sigma[6:9]).all()
+    assert abs(figures["time_offset_s"] - OFFSET_S) < 4.5 * figures["time_offset_sigma_s"]
+    assert figures["time_offset_sigma_s"] < 1e-3
+    edge = load_profile(profile).robot("rover").frame_graph().lookup("rover/base", "rover/imu", 0)
+    expected = T_BASE_CAMERA @ T_CAMERA_IMU
+    assert np.linalg.norm(edge.matrix[:3, 3] - expected[:3, 3]) < 0.02
+    assert se3.rotation_angle(edge.matrix[:3, :3].T @ expected[:3, :3]) < np.deg2rad(0.3)
+    assert main([*command, "--gravity", "-9.8"]) == 1
+    assert "--gravity" in capsys.readouterr().err
 
 
 def test_wrong_options_are_refused_with_the_remedy(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
