@@ -78,7 +78,7 @@ class DepthDetectionConfig(StrictModel):
         default=5, ge=1, le=100, description="Parts of the image that are examined, per model"
     )
     min_score: float = Field(
-        default=0.8,
+        default=0.84,
         gt=0,
         le=1,
         description="Fraction of the depths on the model, without those that hide it, that agree, times "

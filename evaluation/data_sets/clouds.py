@@ -28,7 +28,7 @@ T_CAMERA_LIDAR = np.array(
     ]
 )
 #: Unrefined ``T_scene_model`` that PCL's correspondence grouping tutorial prints for its only instance of the
-#: milk carton. The scene of the tutorial has y up and z backwards, the file y down and z forwards; the pose
+#: milk carton. The scene of the tutorial has y down and z forwards, the file y up and z backwards; the pose
 #: is therefore rotated by 180 degrees about x.
 PCL_MILK = np.diag([1.0, -1.0, -1.0, 1.0]) @ np.array(
     [
