@@ -24,7 +24,7 @@ import numpy as np
 from cdff_common.arrays import ByteArray, FloatArray, IntArray
 from cdff_common.errors import InputError
 
-BoardKind = Literal["chessboard", "charuco", "aprilgrid"]
+BoardKind = Literal["chessboard", "charuco", "aprilgrid", "tags"]
 
 #: Least number of corners of a view.
 LEAST_CORNERS = 8
@@ -32,8 +32,8 @@ LEAST_CORNERS = 8
 _MAX_SIDE = 60
 #: Half width of the window in which a corner is refined, as a part of the shortest side of a square or tag.
 _WINDOW_PART = 0.18
-#: Width of the black border of Kalibr's tags, bits.
-_BORDER_BITS = 2
+#: Width of the black border of the tags, bits: Kalibr's are wider than those of other programs.
+_BORDER_BITS = {"aprilgrid": 2, "tags": 1}
 
 
 @dataclass(frozen=True)
@@ -43,13 +43,14 @@ class Board:
     Attributes
     ----------
     kind : str
-        ``chessboard`` (``columns`` x ``rows`` inner corners), ``charuco`` (``columns`` x ``rows`` squares) or
-        ``aprilgrid`` (``columns`` x ``rows`` tags of the family 36h11, tag 0 at the lower left, as Kalibr).
+        ``chessboard`` (``columns`` x ``rows`` inner corners), ``charuco`` (``columns`` x ``rows`` squares),
+        ``aprilgrid`` (``columns`` x ``rows`` tags of the family 36h11, tag 0 at the lower left, as Kalibr) or
+        ``tags`` (the same family on white ground, tag 0 at the upper left, as OpenCV's GridBoard).
     columns, rows : int
     size_m : float
         Side of a square, or of a tag without the small squares.
     marker : float
-        ``charuco``: side of a marker, metres; ``aprilgrid``: distance of two tags as a part of ``size_m``.
+        ``charuco``: side of a marker, metres; boards of tags: distance of two tags as a part of ``size_m``.
     dictionary : str
         Dictionary of the markers of ``charuco``.
     """
@@ -72,7 +73,7 @@ class Board:
             raise InputError(
                 f"charuco markers of {self.marker} m: expected less than the {self.size_m} m of a square"
             )
-        if self.kind == "aprilgrid" and not 0.0 < self.marker < 2.0:
+        if self.kind in _BORDER_BITS and not 0.0 < self.marker < 2.0:
             raise InputError(f"tag spacing {self.marker}: expected a part of the tag size between 0 and 2")
         if not hasattr(cv2.aruco, self.dictionary):
             raise InputError(
@@ -89,7 +90,8 @@ class Board:
             return np.column_stack([x, y, np.zeros(x.size)]) * self.size_m
         pitch_m = self.size_m * (1.0 + self.marker)
         row, column = np.mgrid[: self.rows, : self.columns].reshape(2, -1)
-        upper_left = np.column_stack([column, self.rows - 1 - row]) * pitch_m
+        from_top = self.rows - 1 - row if self.kind == "aprilgrid" else row
+        upper_left = np.column_stack([column, from_top]) * pitch_m
         corner = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]) * self.size_m
         plane = (upper_left[:, None] + corner).reshape(-1, 2)
         return np.column_stack([plane, np.zeros(len(plane))])
@@ -159,14 +161,14 @@ class Board:
     def _tag_detector(self) -> Any:
         dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
         parameters = cv2.aruco.DetectorParameters()
-        parameters.markerBorderBits = _BORDER_BITS
+        parameters.markerBorderBits = _BORDER_BITS[self.kind]
         return cv2.aruco.ArucoDetector(dictionary, parameters)
 
     def picture(self, pixels_per_m: float) -> ByteArray:
         """Return the printed pattern, grey; the frame's origin is the upper left corner of a charuco board.
 
-        Of the other boards, the outermost printed edge is one square (chessboard) or one gap (aprilgrid)
-        beyond the first corner.
+        Of the other boards, the outermost edge is one square (chessboard) or one gap (boards of tags) beyond
+        the first corner.
         """
         width, height = (round(v * pixels_per_m) for v in self.extent_m)
         if self.kind == "charuco":
@@ -180,21 +182,24 @@ class Board:
             return np.where(is_black, 0, 255).astype(np.uint8)
         image = np.full((rows, columns), 255, np.uint8)
         gap_m, pitch_m = self.size_m * self.marker, self.size_m * (1.0 + self.marker)
-        is_gap = [(v % pitch_m) > self.size_m for v in (x, y)]
-        image[is_gap[1][:, None] & is_gap[0][None, :]] = 0
+        if self.kind == "aprilgrid":
+            is_gap = [(v % pitch_m) > self.size_m for v in (x, y)]
+            image[is_gap[1][:, None] & is_gap[0][None, :]] = 0
         side = round(self.size_m * pixels_per_m)
         dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
         for tag in range(self.columns * self.rows):
             left, top = np.round((self.corners_m[4 * tag, :2] + gap_m) * pixels_per_m).astype(int)
             image[top : top + side, left : left + side] = cv2.aruco.generateImageMarker(
-                dictionary, tag, side, borderBits=_BORDER_BITS
+                dictionary, tag, side, borderBits=_BORDER_BITS[self.kind]
             )
         return image
 
     @property
     def border_m(self) -> float:
         """Width of the printed pattern beyond the outermost corners, metres; 0 for charuco, by its frame."""
-        return {"charuco": 0.0, "chessboard": self.size_m, "aprilgrid": self.size_m * self.marker}[self.kind]
+        if self.kind == "charuco":
+            return 0.0
+        return self.size_m * (1.0 if self.kind == "chessboard" else self.marker)
 
 
 def _refined(image: ByteArray, pixels: FloatArray, side_px: float) -> FloatArray:

@@ -33,8 +33,8 @@ def add_board_verbs(verbs: Any) -> None:
             "--board",
             metavar="BOARD",
             required=True,
-            help="charuco:9x7:0.03:0.022[:DICTIONARY], chessboard:9x6:0.03, aprilgrid:6x6:0.088:0.3, or a "
-            "target file of Kalibr (metres)",
+            help="charuco:9x7:0.03:0.022[:DICTIONARY], chessboard:9x6:0.03, aprilgrid:6x6:0.088:0.3, "
+            "tags:4x3:0.09:0.26, or a target file of Kalibr (metres)",
         )
         parser.add_argument("--lens", choices=list(LENSES), default="pinhole", help="lens (default: pinhole)")
         parser.add_argument(

@@ -14,7 +14,7 @@ from cdff_core.calibration.boards import Board
 
 FORMS = (
     "charuco:COLUMNSxROWS:SQUARE_M:MARKER_M[:DICTIONARY], chessboard:COLUMNSxROWS:SQUARE_M (inner corners), "
-    "aprilgrid:COLUMNSxROWS:TAG_M:SPACING, or a target file of Kalibr"
+    "aprilgrid:COLUMNSxROWS:TAG_M:SPACING, tags:COLUMNSxROWS:TAG_M:SPACING, or a target file of Kalibr"
 )
 
 
@@ -30,6 +30,8 @@ def read_board(text: str) -> Board:
             return Board("chessboard", columns, rows, float(size_m))
         if kind == "aprilgrid" and len(rest) == 1:
             return Board("aprilgrid", columns, rows, float(size_m), float(rest[0]))
+        if kind == "tags" and len(rest) == 1:
+            return Board("tags", columns, rows, float(size_m), float(rest[0]))
         if kind == "charuco" and len(rest) in (1, 2):
             return Board("charuco", columns, rows, float(size_m), float(rest[0]), *rest[1:])
     except (ValueError, IndexError) as error:

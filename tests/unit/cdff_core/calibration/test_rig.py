@@ -13,7 +13,7 @@ from cdff_common.errors import InputError
 from cdff_common.geometry import se3
 from cdff_core.calibration.adjustment import View
 from cdff_core.calibration.assessment import judged
-from cdff_core.calibration.boards import Board
+from cdff_core.calibration.boards import Board, BoardKind
 from cdff_core.calibration.rig import calibrate_rig
 from cdff_dev.simulate.board_images import board_image, board_poses
 
@@ -183,8 +183,18 @@ def test_the_corners_of_a_chessboard_have_no_common_error(
     assert np.concatenate(errors).std() < 0.06
 
 
-def test_turned_tags_are_recognised() -> None:
-    board = Board("aprilgrid", 3, 3, 0.05, 0.3)
+def test_the_corners_of_tags_on_white_ground_are_detected(rng: np.random.Generator) -> None:
+    board, camera = Board("tags", 5, 4, 0.04, 0.3), CAMERAS[0]
+    T = next(board_poses(board, 1, np.random.default_rng(5), distance_m=0.5, tilt_deg=20.0))
+    numbers, pixels = board.detect(board_image(camera, board, T, rng))
+    assert len(numbers) >= 0.7 * len(board.corners_m)
+    truth = camera.project(board.corners_m[numbers] @ T[:3, :3].T + T[:3, 3])
+    assert np.median(np.linalg.norm(pixels - truth, axis=1)) < 0.25
+
+
+@pytest.mark.parametrize("kind", ["aprilgrid", "tags"])
+def test_turned_tags_are_recognised(kind: BoardKind) -> None:
+    board = Board(kind, 3, 3, 0.05, 0.3)
     picture = cv2.copyMakeBorder(board.picture(2000.0), 60, 60, 60, 60, cv2.BORDER_CONSTANT, value=255)
     numbers, pixels = board.detect(picture)
     expected = (board.corners_m[numbers, :2] + board.border_m) * 2000.0 + 59.5

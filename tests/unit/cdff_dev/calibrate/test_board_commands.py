@@ -76,6 +76,7 @@ def test_boards_are_read_from_texts_and_target_files_of_kalibr(tmp_path: Path) -
     path = tmp_path / "target.yaml"
     path.write_text("{target_type: aprilgrid, tagCols: 6, tagRows: 5, tagSize: 0.088, tagSpacing: 0.3}")
     assert read_board(str(path)) == Board("aprilgrid", 6, 5, 0.088, 0.3)
+    assert read_board("tags:4x3:0.092:0.26") == Board("tags", 4, 3, 0.092, 0.26)
     path.write_text(
         "{target_type: checkerboard, targetCols: 6, targetRows: 7, "
         "colSpacingMeters: 0.06, rowSpacingMeters: 0.06}"
