@@ -15,6 +15,10 @@ from cdff_common.errors import InputError
 from cdff_common.geometry import UncertainTransform
 from cdff_common.types import Array3D, Frame, FrameCameraModelT, FrameModeT, TransformWithCovariance
 
+#: Largest difference of the capture times of a pair: at 0.2 rad/s, a camera with a focal length of 1000 px
+#: rotates by 4 px in this time.
+LARGEST_DIFFERENCE_NS = 20_000_000
+
 
 def check_undistorted(*images: Frame) -> None:
     """Raise InputError if an image has lens distortion or is not of a pinhole camera."""
@@ -27,6 +31,19 @@ def check_undistorted(*images: Frame) -> None:
                 f"image of {image.frame or 'a camera'} has lens distortion ({lens}): expected an undistorted "
                 "image, by image_undistortion or, for a stereo pair, stereo_rectification"
             )
+
+
+def check_simultaneous(left: Frame, right: Frame) -> None:
+    """Raise InputError if the capture times of a pair differ by more than ``LARGEST_DIFFERENCE_NS``.
+
+    A stamp of 0 is an unknown time.
+    """
+    difference_ns = right.stamp_ns - left.stamp_ns
+    if left.stamp_ns and right.stamp_ns and abs(difference_ns) > LARGEST_DIFFERENCE_NS:
+        raise InputError(
+            f"right image {difference_ns * 1e-9:+.3f} s after the left one: expected at most "
+            f"{LARGEST_DIFFERENCE_NS * 1e-9:g} s between them; synchronise the cameras"
+        )
 
 
 def with_image(

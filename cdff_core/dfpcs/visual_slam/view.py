@@ -14,7 +14,7 @@ from cdff_common.errors import InputError
 from cdff_common.geometry import se3
 from cdff_common.interfaces.dfpc import Sample
 from cdff_common.types import DistanceImage, Frame, FramePair
-from cdff_core.imaging.frames import check_undistorted
+from cdff_core.imaging.frames import check_simultaneous, check_undistorted
 from cdff_core.imaging.grey import checked_image, grey_image
 from cdff_core.imaging.rectified_camera import RectifiedCamera
 from cdff_core.visual_map.features import FeatureExtractor, ImageFeatures
@@ -93,6 +93,7 @@ class ViewBuilder:
         """Return the view of the left image; raises InputError if the pair is unusable."""
         pair: FramePair = sample.value
         check_undistorted(pair.left, pair.right)
+        check_simultaneous(pair.left, pair.right)
         RectifiedCamera.from_matrix(pair.left.camera_matrix, pair.baseline)
         left, right = grey_image(pair.left), grey_image(pair.right)
         if left.shape != right.shape:

@@ -73,6 +73,16 @@ def test_an_image_without_texture_is_refused(grey: int) -> None:
     assert located(node(), frame).quality.reasons[0] == "not_on_the_map"
 
 
+def test_the_opposite_view_is_refused_and_a_view_ahead_is_located() -> None:
+    opposite = se3.transform(se3.exp_so3([0.0, np.pi, 0.0]), np.zeros(3))
+    output = located(node(), image(opposite))
+    assert output.value is None
+    assert output.quality.reasons[0] == "not_on_the_map"
+    ahead = se3.transform(np.eye(3), [0.0, 0.0, 1.0])
+    found = located(node(), image(ahead)).value.transform
+    assert np.linalg.norm(pose_error(ahead, found.matrix)[:3]) < 0.02
+
+
 def test_an_image_without_a_camera_is_refused() -> None:
     output = located(node(), Frame.from_image(walls.view(T_QUERY), stamp_ns=0))
     assert output.quality.status is Status.FAILED

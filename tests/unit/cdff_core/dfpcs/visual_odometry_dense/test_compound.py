@@ -16,7 +16,7 @@ from cdff_common.geometry import covariance as cov
 from cdff_common.interfaces.dfpc import Dfpc, DfpcContext, Output, Sample
 from cdff_common.interfaces.product import Status
 from cdff_common.interfaces.registry import Registry
-from cdff_common.types import FramePair, TransformWithCovariance
+from cdff_common.types import Frame, FramePair, TransformWithCovariance
 from tests.support.corridor import BASELINE_M, CAMERA, drive, stereo_pair
 
 STEP_NS = 200_000_000
@@ -124,6 +124,35 @@ def test_black_saturated_and_flat_images_are_refused(
     assert output.quality.status is Status.FAILED
     assert any(r.startswith(reason) for r in output.quality.reasons)
     assert step(dfpc, pairs[2], 2).value is not None
+
+
+def test_images_of_different_sizes_or_80_ms_apart_are_refused(pairs: list[FramePair]) -> None:
+    left, right = (np.array(image.image) for image in (pairs[1].left, pairs[1].right))
+
+    def refused(right: NDArray[np.uint8], delay_ns: int) -> str:
+        images = [
+            Frame.from_image(image, stamp_ns=stamp_ns, camera_matrix=CAMERA, sensor="camera")
+            for image, stamp_ns in ((left, STEP_NS), (right, STEP_NS + delay_ns))
+        ]
+        pair = FramePair(left=images[0], right=images[1], baseline=BASELINE_M)
+        output = step(make_configured_dfpc(), pair, 1)
+        assert output.quality.status is Status.FAILED
+        return output.quality.reasons[0]
+
+    assert "of left" in refused(right[:100].copy(), 0)
+    assert "right image +0.080 s after the left one" in refused(right, 80_000_000)
+
+
+def test_a_pure_rotation_is_measured() -> None:
+    dfpc = make_configured_dfpc()
+    for i in range(3):
+        T = TRUE_POSES[0] @ se3.transform(se3.exp_so3([0.0, 0.02 * i, 0.0]), np.zeros(3))
+        output = step(dfpc, stereo_pair(T, i * STEP_NS), i)
+    T_last = se3.transform(se3.exp_so3([0.0, 0.04, 0.0]), np.zeros(3))
+    last = cov.pose_error(T_last, output.value.transform.matrix)
+    assert output.quality.status is Status.OK
+    assert np.linalg.norm(last[:3]) < 0.003
+    assert np.linalg.norm(last[3:]) < 1e-3
 
 
 def test_swapped_cameras_are_refused(pairs: list[FramePair]) -> None:

@@ -224,6 +224,40 @@ def test_images_with_distortion_or_of_different_sizes_or_out_of_order_are_refuse
     assert output.quality.reasons == (f"stamp_not_after:{5 * STEP_NS}",)
 
 
+def test_images_of_a_pair_that_are_80_ms_apart_are_refused() -> None:
+    left, right = pair(0).left, np.array(pair(0).right.image)
+    images = [
+        Frame.from_image(np.array(image), stamp_ns=stamp_ns, camera_matrix=walls.K, sensor="camera")
+        for image, stamp_ns in ((left.image, STEP_NS), (right, STEP_NS + 80_000_000))
+    ]
+    (output,) = run(node(), [FramePair(left=images[0], right=images[1], baseline=walls.BASELINE_M)])
+    assert output.quality.status is Status.FAILED
+    assert "right image +0.080 s after the left one" in output.quality.reasons[0]
+
+
+@pytest.mark.parametrize("motion", ["rotation", "forward"])
+def test_a_pure_rotation_and_a_motion_along_the_axis_are_measured(motion: str) -> None:
+    path = [
+        se3.transform(se3.exp_so3([0.0, 0.04 * i, 0.0]), np.zeros(3))
+        if motion == "rotation"
+        else se3.transform(np.eye(3), [0.0, 0.0, 0.12 * i])
+        for i in range(4)
+    ]
+    outputs = run(node(), [walls.pair(T) for T in path])
+    assert [output.quality.status for output in outputs] == [Status.OK] * 4
+    for T, output in zip(path, outputs, strict=True):
+        assert np.linalg.norm(pose_error(T, output.value.transform.matrix)[:3]) < 0.006
+
+
+def test_swapped_cameras_are_refused() -> None:
+    left, right = (np.array(image.image) for image in (pair(0).left, pair(0).right))
+    swapped = FramePair.from_images(
+        right, left, baseline_m=walls.BASELINE_M, camera_matrix=walls.K, stamp_ns=0
+    )
+    (output,) = run(node(), [swapped])
+    assert output.quality.status is Status.FAILED
+
+
 def test_forget_starts_again() -> None:
     dfpc = node()
     run(dfpc, [pair(0), pair(1)])
