@@ -94,7 +94,6 @@ outputs:
   - product: visual_odometry_sparse/pose
     topic: /cdff/pose
     type: geometry_msgs/msg/PoseWithCovarianceStamped
-  - {product: visual_odometry_sparse/pose, topic: /tf, type: tf2_msgs/msg/TFMessage}
 """
 
 
@@ -184,7 +183,6 @@ def test_a_rover_with_ros_2_has_poses_of_its_stereo_camera(tmp_path: Path) -> No
     command = [str(python), str(_FOLDER / "ros2_stereo.py"), str(port), str(path)]
     found = run_rover(tmp_path, "gateway_ros2", _STEREO_SETTINGS, command, port, {}, "stereo_profile.yaml")
     assert found["pose_frames"] == ["vo"]
-    assert found["tree_frames"] == [["vo", "navcam_left"]]
     positions_m = {int(stamp_ns): pose[:3] for stamp_ns, *pose in found["poses"]}
     T_first = np.linalg.inv(truth[0])
     errors_m = [
