@@ -8,12 +8,14 @@ import math
 import threading
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 from cdff_common.clock import monotonic_s
 from cdff_common.contract.foreign_names import frame_name
 from cdff_common.errors import InputError
 from cdff_common.geodesy import Anchor, body
+from cdff_common.geometry import UncertainTransform
+from cdff_common.types import TransformWithCovariance
 from services.ros_messages.fixes import EARTH, LocalFrame
 
 #: Most frames of a tree, and time for which a transform that is not static counts, seconds.
@@ -49,6 +51,13 @@ class FrameNames:
         return self.frames.get(frame_id) or frame_name(self.robot, frame_id)
 
 
+class FixedFrame(NamedTuple):
+    """A fixed frame of the DPM: its parent, and ``T_parent_frame``."""
+
+    parent: str
+    T_parent_frame: UncertainTransform
+
+
 class FrameTree:
     """Frames of transforms: each has one parent, and none is below itself.
 
@@ -61,12 +70,30 @@ class FrameTree:
         self._lock = threading.Lock()
         self._parents: dict[str, str] = {}
         self._until_s: dict[str, float] = {}
-        self._dpm: dict[str, str] = {}
+        self._dpm: dict[str, FixedFrame] = {}
 
-    def update_dpm(self, parents: Mapping[str, str]) -> None:
-        """Replace the fixed frames of the DPM, parent by child."""
+    def update_dpm(self, frames: Mapping[str, FixedFrame]) -> None:
+        """Replace the fixed frames of the DPM, by name."""
         with self._lock:
-            self._dpm = dict(parents)
+            self._dpm = dict(frames)
+
+    def of_carrier(self, pose: TransformWithCovariance) -> TransformWithCovariance:
+        """Return the pose of the frame that carries the child frame of a pose.
+
+        A frame has one parent in the tree of the robot. The pose of a camera that is fixed to the base in the
+        DPM is therefore stated as that of the base, ``T_parent_base = T_parent_camera T_camera_base``. A pose
+        of a frame without fixed parent, or relative to it, is returned as it is.
+        """
+        with self._lock:
+            fixed = self._dpm
+        parent, child, T = pose.parent_frame, pose.child_frame, pose.transform
+        passed: set[str] = set()
+        while child in fixed and child not in passed and fixed[child].parent != parent:
+            passed.add(child)
+            T, child = T @ fixed[child].T_parent_frame.inverse(), fixed[child].parent
+        if not passed:
+            return pose
+        return TransformWithCovariance.from_transform(T, parent=parent, child=child, stamp_ns=pose.stamp_ns)
 
     def add(
         self,
@@ -90,7 +117,7 @@ class FrameTree:
         with self._lock:
             known, where = self._parent(child, now_s), ""
             if known is None and with_dpm:
-                known, where = self._dpm.get(child), " in the DPM"
+                known, where = self._fixed_parent(child), " in the DPM"
             if known not in (None, parent):
                 raise InputError(f"frame {child} below {parent}: it is already below {known}{where}")
             above: str | None = parent
@@ -99,7 +126,7 @@ class FrameTree:
                 if above == child:
                     raise InputError(f"frame {child} below {parent}: {parent} is below {child}, a loop")
                 visited.add(above)
-                above = self._parent(above, now_s) or (self._dpm.get(above) if with_dpm else None)
+                above = self._parent(above, now_s) or (self._fixed_parent(above) if with_dpm else None)
             if child not in self._parents and len(self._parents) >= _MAX_FRAMES:
                 self._remove_expired(now_s)
             if child not in self._parents and len(self._parents) >= _MAX_FRAMES:
@@ -107,6 +134,10 @@ class FrameTree:
             was_static = known == parent and self._until_s.get(child) == math.inf
             self._parents[child] = parent
             self._until_s[child] = math.inf if is_static or was_static else now_s + _EXPIRY_S
+
+    def _fixed_parent(self, child: str) -> str | None:
+        """Return the parent of a fixed frame of the DPM, or None."""
+        return self._dpm[child].parent if child in self._dpm else None
 
     def _parent(self, child: str, now_s: float) -> str | None:
         """Return the parent of a frame, or None if its edge no longer counts."""

@@ -109,7 +109,7 @@ class OutputLink(ProductLink):
     def _frame_tree(self, value: Any, target: Target, stamp_ns: int) -> Outgoing:
         if not isinstance(value, TransformWithCovariance):
             raise InputError(f"a {type(value).__name__} as {TF}: expected a TransformWithCovariance")
-        is_static = self.entry.is_latched
+        is_static, value = self.entry.is_latched, self._tree.of_carrier(value)
         self._tree.add(value.parent_frame, value.child_frame, with_dpm=True, is_static=is_static)
         transform = transform_message(value, target, self._ros_types, stamp_ns)
         transforms = self._static.merged(self.entry.topic, transform) if is_static else [transform]

@@ -21,6 +21,7 @@ import pytest
 from numpy.typing import NDArray
 
 from cdff_common.codecs import decode
+from cdff_common.geometry import UncertainTransform
 from cdff_dev.ports import free_port
 from tests.integration.conftest import ROOT, process_starter, wait_until
 from tests.support import corridor
@@ -94,6 +95,7 @@ outputs:
   - product: visual_odometry_sparse/pose
     topic: /cdff/pose
     type: geometry_msgs/msg/PoseWithCovarianceStamped
+  - {product: visual_odometry_sparse/pose, topic: /tf, type: tf2_msgs/msg/TFMessage}
 """
 
 
@@ -190,6 +192,15 @@ def test_a_rover_with_ros_2_has_poses_of_its_stereo_camera(tmp_path: Path) -> No
         for stamp_ns, T in zip(found["stamps_ns"], truth[1:], strict=True)
     ]
     assert max(errors_m) < 0.03, errors_m
+    # /tf has the pose of the base, which carries the camera; both have the same stamp.
+    parent, child, (stamp_ns, *base) = found["tree"][-1]
+    assert (parent, child) == ("vo", "base")
+    T_vo_camera, T_vo_base = (
+        UncertainTransform.from_quaternion(p[:3], xyzw=p[3:]).matrix
+        for p in (next(pose for ns, *pose in found["poses"] if ns == stamp_ns), base)
+    )
+    T_base_camera = UncertainTransform.from_xyz_rpy_deg((0.3, 0.1, 1.2), (-90.0, 0.0, -90.0)).matrix
+    np.testing.assert_allclose(T_vo_base @ T_base_camera, T_vo_camera, atol=1e-6)
     print(f"largest error of a pose {max(errors_m):.4f} m")
 
 

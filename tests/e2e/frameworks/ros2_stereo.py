@@ -16,14 +16,14 @@ from typing import Any
 
 import numpy as np
 from program_exit import run_and_exit
-from ros2_rover import POSE, definitions, pose_of, stamp_of
+from ros2_rover import POSE, TREE, definitions, pose_of, stamp_of
 
 IMAGE, INFO = "sensor_msgs/msg/Image", "sensor_msgs/msg/CameraInfo"
 PERIOD_S, LIMIT_S = 0.4, 120.0
 
 
 class StereoRover:
-    """The program: publishers of four topics, and a subscriber of poses."""
+    """The program: publishers of four topics, and subscribers of poses and the frame tree."""
 
     def __init__(self, port: int) -> None:
         from zenoh_ros2_sdk.publisher import ROS2Publisher
@@ -32,13 +32,14 @@ class StereoRover:
         from zenoh_ros2_sdk.utils import get_type_hash
 
         types: dict[str, str] = {}
-        for name in (IMAGE, INFO, POSE):
+        for name in (IMAGE, INFO, POSE, TREE):
             types |= definitions(name)
         session = ZenohSession.get_instance("127.0.0.1", port)
         for name, text in types.items():
             session.register_message_type(text, name)
         self.store = session.store
         self.poses: list[Any] = []
+        self.trees: list[Any] = []
         self.lock = threading.Lock()
 
         def common(kind: str) -> dict[str, Any]:
@@ -47,6 +48,7 @@ class StereoRover:
             return {**definition, "router_ip": "127.0.0.1", "router_port": port}
 
         ROS2Subscriber("/cdff/pose", POSE, self._take(self.poses), **common(POSE))
+        ROS2Subscriber("/tf", TREE, self._take(self.trees), **common(TREE))
         self.publishers = {
             (side, kind): ROS2Publisher(f"/navcam/{side}/{name}", kind, **common(kind))
             for side in ("left", "right")
@@ -119,11 +121,20 @@ def main() -> None:
     while time.monotonic() < end_s and not rover.has_pose_since(stamps_ns[-1]):
         time.sleep(0.1)
     with rover.lock:
-        poses = list(rover.poses)
+        poses, trees = list(rover.poses), list(rover.trees)
+    edges = [edge for message in trees for edge in message.transforms]
     result = {
         "stamps_ns": stamps_ns,
         "poses": [pose_of(stamp_of(m.header), m.pose.pose.position, m.pose.pose.orientation) for m in poses],
         "pose_frames": sorted({m.header.frame_id for m in poses}),
+        "tree": [
+            [
+                e.header.frame_id,
+                e.child_frame_id,
+                pose_of(stamp_of(e.header), e.transform.translation, e.transform.rotation),
+            ]
+            for e in edges
+        ],
     }
     print(json.dumps(result), flush=True)
 
