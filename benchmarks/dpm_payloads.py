@@ -7,10 +7,11 @@
 
 ``stored`` is what the DPM and its clients do: ``cdff_common.codecs`` encodes the value, maps in their
 compact form; the payload is hashed and ``dpm_store.payloads.blobs.BlobFiles`` writes it durably, compressed
-if this saves space. ``plain`` encodes whole layers and writes the payload as it is with the same calls:
-checksums, temporary file, fsync, rename, fsync of the folder. Both take turns with each product, write below
-``DIR`` and remove their files. Reading includes the comparison with the checksums and the decoding; files
-are in the page cache. Times are medians per product, wall and CPU, by type of product.
+if this saves space. ``encoded_mb_each`` is the size of the payload before this compression. ``plain`` encodes
+whole layers and writes the payload as it is with the same calls: checksums, temporary file, fsync, rename,
+fsync of the folder. Both take turns with each product, write below ``DIR`` and remove their files. Reading
+includes the comparison with the checksums and the decoding; files are in the page cache. Times are medians
+per product, wall and CPU, by type of product.
 """
 
 from __future__ import annotations
@@ -67,7 +68,7 @@ def read_plain(path: Path, sums: bytes) -> bytes:
 def measured(store_folder: Path, count: int) -> dict[str, Any]:
     """Return sizes and times of the newest ``count`` payloads of each product."""
     times: dict[str, Times] = defaultdict(lambda: defaultdict(list))
-    sizes: dict[str, list[int]] = defaultdict(lambda: [0, 0, 0])
+    sizes: dict[str, list[int]] = defaultdict(lambda: [0, 0, 0, 0])
     with (
         open_store(f"sqlite:///{store_folder}", ManualClock(0)) as store,
         tempfile.TemporaryDirectory(dir=store_folder) as folder,
@@ -112,7 +113,8 @@ def measured(store_folder: Path, count: int) -> dict[str, Any]:
                 total = sizes[product]
                 total[0] += 1
                 total[1] += path.stat().st_size
-                total[2] += files.path(name).stat().st_size
+                total[2] += size
+                total[3] += files.path(name).stat().st_size
                 files.remove(name)
                 path.unlink()
     return {
@@ -121,6 +123,7 @@ def measured(store_folder: Path, count: int) -> dict[str, Any]:
             "plain_mb": round(plain_bytes / 1e6, 3),
             "stored_mb": round(stored_bytes / 1e6, 3),
             "plain_mb_each": round(plain_bytes / n / 1e6, 3),
+            "encoded_mb_each": round(encoded_bytes / n / 1e6, 3),
             "stored_mb_each": round(stored_bytes / n / 1e6, 3),
         }
         | {
@@ -128,7 +131,7 @@ def measured(store_folder: Path, count: int) -> dict[str, Any]:
             for name, rows in times[product].items()
             for i, kind in enumerate(("wall", "cpu"))
         }
-        for product, (n, plain_bytes, stored_bytes) in sizes.items()
+        for product, (n, plain_bytes, encoded_bytes, stored_bytes) in sizes.items()
     }
 
 

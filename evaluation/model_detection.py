@@ -135,7 +135,10 @@ def pcl(data: Path) -> dict[str, Any]:
     if output.value is not None:
         result |= _mean_distance(output, T_CAMERA_CARTON, np.asarray(model.value.data.vertices, np.float64))
     person = answer(dfpc, Sample("depth", 1000, 1, scene_with_person(data), frame="camera"))[0]
-    return result | {"wrong_without": int(person.value is not None)}
+    return result | {
+        "wrong_without": int(person.value is not None),
+        "reasons_without": list(person.quality.reasons),
+    }
 
 
 def _mean_distance(output: Output, T_true: FloatArray, points_m: FloatArray) -> dict[str, Any]:

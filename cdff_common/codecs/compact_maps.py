@@ -23,7 +23,7 @@ _WORTHWHILE = 0.75
 
 
 def compact(value: Any) -> Any:
-    """Return a map in its compact form, or as it is if that is not clearly smaller.
+    """Return a map in its compact form, or unchanged if the compact form is not clearly smaller.
 
     Parameters
     ----------
