@@ -180,7 +180,7 @@ def start(service: str, environment: Mapping[str, str] = os.environ) -> None:
     Raises
     ------
     ConfigurationError
-        If the extra ``otel`` is missing, the folder cannot be created, or the ratio is not a number from 0 to 1.
+        If the extra ``otel`` is missing, the folder cannot be created, or the ratio is not in 0 … 1.
     """
     global tracer  # noqa: PLW0603
     if destination := environment.get(VARIABLE):
