@@ -136,15 +136,27 @@ class GroundChanges:
         self._ledger.add_changes(robot, rows)
 
     def apply(self, robot: str) -> None:
-        """Apply the changes of a robot whose products are here; the others wait for their product."""
+        """Apply the changes of a robot whose products are here; the others wait for their product.
+
+        Changes of products that were deleted here have no effect.
+        """
         rows = self._ledger.changes(robot)
         if not rows:
             return
         self.scan()
         live = self._store.live({row.product_id for row in rows})
         for row in rows:
-            if row.product_id in live and self._apply_one(robot, row):
+            is_live = row.product_id in live
+            if self._apply_one(robot, row) if is_live else self._is_deleted(row.product_id):
                 self._ledger.remove_change(robot, row.ordinal)
+
+    def _is_deleted(self, product_id: str) -> bool:
+        """Return whether a product that is not here was here before."""
+        try:
+            self._store.get(product_id, deleted=True)
+        except ProductNotFoundError:
+            return False
+        return True
 
     def _apply_one(self, robot: str, row: ChangeRow) -> bool:
         """Apply a change; return False if it must be tried again."""

@@ -218,6 +218,18 @@ def test_values_go_back_to_two_robots_whose_changes_have_the_same_number(ends: E
     assert {row.body["values"] for row in kept} == {'{"notes": "ground"}'}
 
 
+def test_a_change_of_a_product_that_was_deleted_at_the_ground_does_not_wait_for_it(
+    ends: Ends, ledger: Ledger
+) -> None:
+    ends.ground.store.put_all([product(1, 0)])
+    ends.ground.store.delete(id_of(0))
+    changes = GroundChanges(ends.ground, ledger, ["mana"], requests_of(ends, ledger).add_change)
+    rows = [ChangeRow(5 + n, id_of(n), "updated", {"notes": "robot"}) for n in (0, 1)]
+    ledger.add_changes("mana", rows)
+    changes.apply("mana")
+    assert ledger.changes("mana") == rows[1:]  # product 1 has not arrived
+
+
 def test_a_robot_with_another_store_has_no_changes_of_the_previous_one(ledger: Ledger) -> None:
     ledger.announce("mana", [AnnouncedRow(1, 0, 10, b"")])
     for robot in ("mana", "minnie"):
