@@ -100,6 +100,7 @@ def latencies_ms(
 
 
 def main() -> None:
+    """Measure and write the report."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

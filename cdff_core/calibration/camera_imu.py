@@ -249,10 +249,14 @@ def _interval_covariance(data: _Data, own: Integrals) -> FloatArray:
     return C
 
 
-def interval_residuals(
+def _interval_residuals(
     data: _Data, state: _State
 ) -> tuple[FloatArray, tuple[FloatArray, FloatArray, FloatArray], Integrals]:
-    """Return residuals ``(k, 9)``, Jacobians by the states ``(k, 9, 9)`` and parameters ``(k, 9, 16)``."""
+    """Return residuals ``(k, 9)``, Jacobians and integrals of the intervals.
+
+    The residuals are those of rotation, velocity and position, rad, m/s and m. The Jacobians are those by the
+    state at the start, by that at the end (``(k, 9, 9)`` each), and by ``PARAMETERS``, ``(k, 9, 16)``.
+    """
     a, b, dt = data.pairs, data.pairs + 1, data.duration_s[:, None]
     at, bias = data.t_s[a] - state.offset_s, state.values[6:12]
     own = integrals(data.readings, at, data.duration_s, bias)
@@ -305,7 +309,7 @@ def _adjusted(data: _Data, state: _State) -> tuple[FloatArray, BoolArray, dict[s
         is_used = distance < _GATE * max(1.0, float(np.median(distance)) / np.sqrt(5.35))
         weight = np.minimum(1.0, _HUBER_POSE / np.maximum(distance, 1e-12)) * np.where(is_used, 1.0, 1e-3)
         W = information * weight[:, None, None]
-        residuals, (J_a, J_b, J_c), own = interval_residuals(data, state)
+        residuals, (J_a, J_b, J_c), own = _interval_residuals(data, state)
         V = np.linalg.inv(_interval_covariance(data, own))
         between = np.sqrt(np.einsum("ni,nij,nj->n", residuals, V, residuals))
         V *= np.minimum(1.0, _HUBER_INTERVAL / np.maximum(between, 1e-12))[:, None, None]
@@ -315,17 +319,17 @@ def _adjusted(data: _Data, state: _State) -> tuple[FloatArray, BoolArray, dict[s
         gradient = np.zeros((len(data.t_s), 9))
         gradient[:, :6] = (W @ errors[..., None])[..., 0]
         by_common = np.zeros((len(data.t_s), 9, 16))
-        beside = np.zeros((len(data.t_s) - 1, 9, 9))
+        off_diagonal = np.zeros((len(data.t_s) - 1, 9, 9))
         for rows, J in ((data.pairs, J_a), (data.pairs + 1, J_b)):
             JV = np.swapaxes(J, 1, 2) @ V
             diagonal[rows] += JV @ J
             gradient[rows] += (JV @ residuals[..., None])[..., 0]
             by_common[rows] += JV @ J_c
-        beside[data.pairs] = np.swapaxes(J_a, 1, 2) @ V @ J_b
+        off_diagonal[data.pairs] = np.swapaxes(J_a, 1, 2) @ V @ J_b
         JV = np.swapaxes(J_c, 1, 2) @ V
         common, common_gradient = _with_prior(state, data.gravity_m_s2, JV, J_c, residuals)
         flat = by_common.reshape(-1, 16)
-        solved = _solve_chain(diagonal, beside, np.column_stack([flat, gradient.reshape(-1)]))
+        solved = _solve_chain(diagonal, off_diagonal, np.column_stack([flat, gradient.reshape(-1)]))
         reduced = common - flat.T @ solved[:, :16]
         covariance = np.asarray(np.linalg.inv(0.5 * (reduced + reduced.T)), np.float64)
         step = -covariance @ (common_gradient - flat.T @ solved[:, 16])
@@ -364,7 +368,7 @@ def _with_prior(
     return information, gradient
 
 
-def _solve_chain(diagonal: FloatArray, beside: FloatArray, right: FloatArray) -> FloatArray:
+def _solve_chain(diagonal: FloatArray, off_diagonal: FloatArray, right: FloatArray) -> FloatArray:
     """Return the solution of a symmetric block-tridiagonal system of ``(n, 9, 9)`` and ``(n - 1, 9, 9)``."""
     n = len(diagonal)
     banded = np.zeros((18, 9 * n))
@@ -372,7 +376,7 @@ def _solve_chain(diagonal: FloatArray, beside: FloatArray, right: FloatArray) ->
         for j in range(9):
             if i <= j:
                 banded[17 + i - j, j::9] = diagonal[:, i, j]
-            banded[8 + i - j, 9 + j :: 9] = beside[:, i, j]
+            banded[8 + i - j, 9 + j :: 9] = off_diagonal[:, i, j]
     return np.asarray(solveh_banded(banded, right, check_finite=False))
 
 

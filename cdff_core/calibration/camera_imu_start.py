@@ -43,7 +43,17 @@ def require_intervals(count: int, images: int) -> None:
 def connected(
     t_s: FloatArray, readings: Readings, offset_s: float, margin_s: float = 0.0
 ) -> NDArray[np.int64]:
-    """Return the images k that readings without gaps connect to image k + 1."""
+    """Return the indices k of the images that readings without gaps connect to image k + 1.
+
+    Parameters
+    ----------
+    t_s : ndarray, shape (n,)
+        Times of the images, seconds.
+    offset_s : float
+        Time to add to the stamps of the readings.
+    margin_s : float
+        Time before and after both images for which there must be readings, too.
+    """
     duration_s = np.diff(t_s)
     gap_s = _GAP_PERIODS * float(np.median(np.diff(readings.t_s)))
     own = has_readings(readings, t_s[:-1] - offset_s - margin_s, duration_s + 2 * margin_s, gap_s)
@@ -54,7 +64,23 @@ def connected(
 def agreed_rotation(
     t_s: FloatArray, T_camera_board: FloatArray, readings: Readings, largest_offset_s: float
 ) -> tuple[float, FloatArray, BoolArray]:
-    """Return the offset, the rotation ``R_camera_imu``, and a mask of the images whose rotations agree."""
+    """Return the offset, the rotation ``R_camera_imu``, and a mask of the images whose rotations agree.
+
+    Parameters
+    ----------
+    t_s : ndarray, shape (n,)
+        Times of the images, seconds.
+    T_camera_board : ndarray, shape (n, 4, 4)
+    readings : Readings
+    largest_offset_s : float
+        Largest absolute offset that is tried.
+
+    Raises
+    ------
+    DegenerateGeometryError
+        If fewer than ``LEAST_INTERVALS`` pairs of images are connected, the camera does not rotate, or its
+        rotation is not that of the unit.
+    """
     is_kept = np.ones(len(t_s), dtype=bool)
     offset_s, R = 0.0, np.eye(3)
     for attempt in range(4):

@@ -53,7 +53,7 @@ def integrals(readings: Readings, t_s: FloatArray, duration_s: FloatArray, bias:
     t_s, duration_s : ndarray, shape (k,)
         Starts in the clock of the unit, and durations.
     bias : ndarray, shape (6,)
-        Of angular rate and specific force; it is subtracted.
+        Of angular rate (rad/s) and specific force (m/s²); it is subtracted.
     """
     period_s = float(np.median(np.diff(readings.t_s)))
     steps = max(4, int(np.ceil(_STEPS_PER_READING * float(duration_s.max()) / period_s)))
@@ -63,22 +63,23 @@ def integrals(readings: Readings, t_s: FloatArray, duration_s: FloatArray, bias:
         for values, own in ((readings.rate_rad_s, bias[:3]), (readings.force_m_s2, bias[3:]))
     )
     step_s = (duration_s / steps)[:, None]
-    half_turns = se3.exp_so3(0.5 * rate * step_s[:, :, None])
+    half_rotations = se3.exp_so3(0.5 * rate * step_s[:, :, None])
     R = np.tile(np.eye(3), (len(t_s), 1, 1))
     velocity, position = np.zeros((len(t_s), 3)), np.zeros((len(t_s), 3))
     for k in range(steps):
-        R_middle = R @ half_turns[:, k]
+        R_middle = R @ half_rotations[:, k]
         acceleration = (R_middle @ force[:, k, :, None])[..., 0]
         position += step_s * velocity + 0.5 * step_s**2 * acceleration
         velocity += step_s * acceleration
-        R = R_middle @ half_turns[:, k]
+        R = R_middle @ half_rotations[:, k]
     return Integrals(R, velocity, position)
 
 
 def derivatives(readings: Readings, t_s: FloatArray, duration_s: FloatArray, bias: FloatArray) -> FloatArray:
     """Return derivatives ``(k, 9, 7)`` of rotation, velocity and position by start time and bias.
 
-    A rotation changes to ``R Exp(d)`` with the derivative ``d``.
+    The arguments are those of ``integrals``. Rows are in rad, m/s and m; columns are per second, rad/s and
+    m/s². A rotation R becomes ``R Exp(d h)`` with its derivative d and a small change h.
     """
     columns = []
     centre = integrals(readings, t_s, duration_s, bias)
@@ -98,7 +99,10 @@ def derivatives(readings: Readings, t_s: FloatArray, duration_s: FloatArray, bia
 
 
 def has_readings(readings: Readings, t_s: FloatArray, duration_s: FloatArray, gap_s: float) -> BoolArray:
-    """Return whether each interval is within the readings, and none of their gaps in it exceeds ``gap_s``."""
+    """Return a mask ``(k,)`` of the intervals that have readings throughout, without gaps above ``gap_s``.
+
+    ``t_s`` and ``duration_s`` are those of ``integrals``.
+    """
     first = np.searchsorted(readings.t_s, t_s, side="right") - 1
     last = np.searchsorted(readings.t_s, t_s + duration_s, side="left")
     is_inside = (first >= 0) & (last < len(readings.t_s))

@@ -29,6 +29,7 @@ class PairRectifier:
     sensor : str
         Frame of the left camera.
     T_robot_left : UncertainTransform, optional
+        Pose of the left camera in the frame of the robot.
 
     Raises
     ------
@@ -54,7 +55,13 @@ class PairRectifier:
                 self._T_robot_left = T_robot_left @ UncertainTransform.exact(T_left_rectified)
 
     def pair(self, left: NDArray[Any], right: NDArray[Any], stamp_ns: int) -> FramePair:
-        """Return the pair of two grey images; raises InputError if their size is not that of the cameras."""
+        """Return the pair of two grey images ``(rows, cols)``.
+
+        Raises
+        ------
+        InputError
+            If images that must be rectified do not have the size of their camera, or others differ in size.
+        """
         if self._sides is not None:
             left, right = self._sides[0].apply(left), self._sides[1].apply(right)
         return FramePair.from_images(

@@ -51,10 +51,14 @@ class BoardMotion:
 
         Parameters
         ----------
+        board : Board
+        rng : numpy.random.Generator
+        distance_m : float
+            Mean distance of the board from the camera.
         rotation_deg : tuple of float
-            Largest rotation about the axes of the camera.
+            Largest rotation about each axis of the camera.
         shift : float
-            Largest shift, relative to the distance.
+            Largest displacement along each axis of the camera, relative to the distance.
         """
         largest = np.array([shift * distance_m] * 3 + list(np.deg2rad(rotation_deg)))
         parts = rng.uniform(0.5, 1.0, (6, _SINES))
@@ -105,7 +109,20 @@ def noisy_readings(
     gyro_noise: float = 1e-3,
     force_noise: float = 1e-2,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return readings with white noise (rad/s/√Hz and m/s²/√Hz) and biases ``(6,)`` of rate and force."""
+    """Return specific force and angular rate with white noise and biases.
+
+    Parameters
+    ----------
+    force, rate : ndarray, shape (n, 3)
+        Specific force (m/s²) and angular rate (rad/s) without errors.
+    rng : numpy.random.Generator
+    rate_hz : float
+        Readings per second.
+    biases : ndarray, shape (6,)
+        Of angular rate (rad/s) and specific force (m/s²).
+    gyro_noise, force_noise : float
+        Noise densities, rad/s/√Hz and m/s²/√Hz.
+    """
     scale = np.sqrt(rate_hz)
     own_force = force + biases[3:] + rng.normal(0.0, force_noise * scale, force.shape)
     return own_force, rate + biases[:3] + rng.normal(0.0, gyro_noise * scale, rate.shape)

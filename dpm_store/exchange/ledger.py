@@ -238,9 +238,9 @@ class Ledger:
         self._write("DELETE FROM parts WHERE robot = ? AND key = ?", [(robot, key) for key in keys])
 
     def clear(self, robot: str) -> None:
-        """Remove all that was received in part from a robot, whose store is another one now."""
+        """Remove the incomplete items and the changes of a robot whose store is another one now."""
         with self.transaction():
-            for table in ("announced", "parts"):
+            for table in ("announced", "parts", "changes"):
                 self._write(f"DELETE FROM {table} WHERE robot = ?", [(robot,)])
 
     # --- annotations and deletions

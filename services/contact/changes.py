@@ -14,7 +14,14 @@ import logging
 from collections.abc import Collection, Mapping
 from typing import Any
 
-from cdff_common.errors import CdffError, CodecError, InputError, ProductNotFoundError, StorageError
+from cdff_common.errors import (
+    CdffError,
+    CodecError,
+    ConflictError,
+    InputError,
+    ProductNotFoundError,
+    StorageError,
+)
 from dpm_store import Event, Store
 from dpm_store.exchange.ledger import ChangeRow, Ledger
 from dpm_store.history.events import Actor, acting
@@ -25,10 +32,12 @@ from services.dpm.operations.dpm import Dpm
 logger = logging.getLogger(__name__)
 
 KINDS = ("updated", "deleted")
-#: Way of changes that the exchange makes, in the actors of the history.
+#: Interface of the changes that the exchange makes, in the actors of the history.
 VIA = "contact"
 #: Events that are read at once, and products that one request deletes: their ids fit in a datagram.
 _PAGE, _IDS = 1000, 12
+#: Largest length of a reason, characters: the answer of the robot fits in a datagram.
+_REASON = 400
 
 
 def is_exchanged(event: Event) -> bool:
@@ -53,8 +62,12 @@ def apply_on_robot(dpm: Dpm, body: Mapping[str, str]) -> dict[str, Any]:
 
     Raises
     ------
-    CdffError
-        If the change cannot be applied, such as the deletion of a pinned product, or cannot be read.
+    CodecError
+        If the change cannot be read.
+    ConflictError
+        If products refuse the change, such as the deletion of a pinned product. The others are changed.
+    StorageError
+        If the disk is full or fails.
     """
     try:
         is_update = body["change"] == "update"
@@ -62,6 +75,7 @@ def apply_on_robot(dpm: Dpm, body: Mapping[str, str]) -> dict[str, Any]:
         ids = [body["id"]] if is_update else body["ids"].split(",")
     except (KeyError, ValueError) as error:
         raise CodecError(f"change {str(body)[:200]} cannot be read: {error!r}") from error
+    refused = []
     with acting(Actor("ground", "operator", VIA)):
         for product_id in ids:
             try:
@@ -71,6 +85,12 @@ def apply_on_robot(dpm: Dpm, body: Mapping[str, str]) -> dict[str, Any]:
                     dpm.writer.delete(product_id)
             except ProductNotFoundError:
                 continue  # the robot has deleted it, or never had it
+            except StorageError:
+                raise
+            except CdffError as error:
+                refused.append(str(error))
+    if refused:
+        raise ConflictError("; ".join(refused)[:_REASON])
     return {}
 
 
@@ -116,15 +136,27 @@ class GroundChanges:
         self._ledger.add_changes(robot, rows)
 
     def apply(self, robot: str) -> None:
-        """Apply the changes of a robot whose products are here; the others wait for their product."""
+        """Apply the changes of a robot whose products are here; the others wait for their product.
+
+        Changes of products that were deleted here have no effect.
+        """
         rows = self._ledger.changes(robot)
         if not rows:
             return
         self.scan()
         live = self._store.live({row.product_id for row in rows})
         for row in rows:
-            if row.product_id in live and self._apply_one(robot, row):
+            is_live = row.product_id in live
+            if self._apply_one(robot, row) if is_live else self._is_deleted(row.product_id):
                 self._ledger.remove_change(robot, row.ordinal)
+
+    def _is_deleted(self, product_id: str) -> bool:
+        """Return whether a product that is not here was here before."""
+        try:
+            self._store.get(product_id, deleted=True)
+        except ProductNotFoundError:
+            return False
+        return True
 
     def _apply_one(self, robot: str, row: ChangeRow) -> bool:
         """Apply a change; return False if it must be tried again."""
@@ -137,7 +169,7 @@ class GroundChanges:
         except StorageError:
             raise
         except (StaleRevisionError, ProductNotFoundError):
-            return False  # changed at the ground in this moment; or its successor is not here yet
+            return False  # changed at the ground meanwhile, or its successor is not here yet
         except CdffError as error:
             self._report(robot, row, error)
         return True
@@ -152,24 +184,30 @@ class GroundChanges:
         if refused := sorted(set(row.values) & owned):
             present = self._store.annotations.get(row.product_id).to_dict()
             body = {name: present[name] for name in refused}
-            self._request_update(robot, row.product_id, body, f"back_{row.ordinal}", present["author"])
+            self._request_update(
+                robot, row.product_id, body, f"back_{row.product_id}_{row.ordinal}", present["author"]
+            )
 
     def _report(self, robot: str, row: ChangeRow, error: CdffError) -> None:
         """Enter a change that has no effect here in the history."""
         logger.warning("change of product %s of %s is not applied: %s", row.product_id, robot, error)
-        body = {"id": row.product_id, "change": row.kind, "reason": str(error)[:400]}
+        body = {"id": row.product_id, "change": row.kind, "reason": str(error)[:_REASON]}
         self._dpm.writer.record(robot, "change_refused", body)
 
     def _send_values(self, event: Event, names: list[str]) -> None:
         values = with_values(event, self._store).body["values"]
         changed = {name: values[name] for name in names if name in values}
         author = str(event.body.get("author", ""))
-        self._request_update(event.scope, str(event.body["id"]), changed, str(event.ordinal), author)
+        self._request_update(event.scope, str(event.body["id"]), changed, f"{event.ordinal:012}", author)
 
     def _request_update(
         self, robot: str, product_id: str, values: Mapping[str, Any], name: str, author: str
     ) -> None:
-        """Keep a request for each field: a datagram has space for one value."""
+        """Keep a request for each field: a datagram has space for one value.
+
+        The order of the ids of requests is that of the changes, because a paused mission clock gives them
+        one time.
+        """
         for field, value in values.items():
             text = json.dumps({field: value})
             body = {"type": "change", "change": "update", "id": product_id, "values": text}
@@ -185,4 +223,4 @@ class GroundChanges:
             some = events[first : first + _IDS]
             ids = ",".join(str(event.body["id"]) for event in some)
             body = {"type": "change", "change": "delete", "ids": ids}
-            self._add_request(some[0].scope, f"change_{some[0].ordinal}_delete", body)
+            self._add_request(some[0].scope, f"change_{some[0].ordinal:012}_delete", body)

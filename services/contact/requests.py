@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import json
 import uuid
 from collections.abc import Mapping
 from typing import Any
@@ -77,8 +78,21 @@ class DeferredRequests:
         return [describe(row) for row in self._ledger.requests()]
 
     def open(self, robot: str) -> list[RequestRow]:
-        """Return the oldest requests that the robot has not accepted, as many as are sent at once."""
-        return [row for row in self._ledger.requests("kept") if row.robot == robot][:_AT_ONCE]
+        """Return the oldest requests that the robot has not accepted, as many as are sent at once.
+
+        Of several changes of a field of an annotation only the oldest is sent, because packets can arrive in
+        another order.
+        """
+        rows: list[RequestRow] = []
+        fields = set()
+        for row in self._ledger.requests("kept"):
+            if row.robot != robot:
+                continue
+            field = _changed_field(row.body)
+            if field is None or field not in fields:
+                rows.append(row)
+                fields.add(field)
+        return rows[:_AT_ONCE]
 
     def taken(self, request_id: str) -> None:
         """Note that the robot has accepted a request."""
@@ -118,6 +132,11 @@ class DeferredRequests:
             return str(self.get(request_id)["state"])
         except CdffError:
             return ""
+
+
+def _changed_field(body: dict[str, Any]) -> tuple[str, ...] | None:
+    """Return product and field that a request changes; None if it is no change of an annotation."""
+    return (body["id"], *json.loads(body["values"])) if body.get("change") == "update" else None
 
 
 def describe(row: RequestRow) -> dict[str, Any]:

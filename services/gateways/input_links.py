@@ -17,7 +17,10 @@ from services.ros_messages.message_types import RosTypes
 def links_by_topic(
     entries: Sequence[InputTopic], names: FrameNames, ros_types: RosTypes, bus: Bus, tree: FrameTree
 ) -> dict[str, list[InputLink]]:
-    """Return the links of each topic; their frame trees are checked together."""
+    """Return the links of the entries by their first topics, in the order of the entries.
+
+    All links add their transforms to ``tree``, which refuses those that contradict it.
+    """
     links: dict[str, list[InputLink]] = {}
     for entry in entries:
         kind = InputLink if entry.right is None else StereoLink

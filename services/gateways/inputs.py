@@ -93,7 +93,7 @@ class InputLink(SampleLink):
             self._topic = replace(self._topic, camera=info)
 
     def admits_further(self) -> bool:
-        """Return whether a message of a further topic is within the limit of their rate; count it if not."""
+        """Return whether a message of a further topic is within their rate; count it as dropped if not."""
         if self._further_rate.admits():
             return True
         self.drop("rate", f"further topics: more than {_MAX_FURTHER_HZ:g} messages per second")

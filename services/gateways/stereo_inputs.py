@@ -8,6 +8,8 @@ import threading
 from dataclasses import replace
 from typing import Any
 
+from numpy.typing import NDArray
+
 from cdff_common.bus import Bus
 from cdff_common.camera import StereoCalibration
 from cdff_common.clock import monotonic_s
@@ -52,6 +54,7 @@ class StereoLink(InputLink):
         #: Images by stamp, of the left and the right camera.
         self._waiting: tuple[dict[int, Any], dict[int, Any]] = ({}, {})
         self._rectifier: PairRectifier | None = None
+        self._size = (0, 0)
 
     @property
     def further_topics(self) -> list[FurtherTopic]:
@@ -101,7 +104,9 @@ class StereoLink(InputLink):
             (left_ns, left), (_, right) = [(stamp_ns, image), other][:: 1 if side == _LEFT else -1]
             try:
                 frame = self._topic.frame(left.header.frame_id)
-                value = self._rectified().pair(grey_pixels(left), grey_pixels(right), left_ns)
+                rectifier = self._rectified()
+                left_pixels, right_pixels = (self._checked(grey_pixels(image)) for image in (left, right))
+                value = rectifier.pair(left_pixels, right_pixels, left_ns)
                 self.send(value, (frame, None), left_ns, start_s)
             except (CdffError, *DECODER_ERRORS) as error:
                 self.drop("content", f"{type(error).__name__}: {error}")
@@ -124,7 +129,7 @@ class StereoLink(InputLink):
             self.drop("pair", f"no image of the other camera within {PAIR_TOLERANCE_NS / 1e6:g} ms")
 
     def _rectified(self) -> PairRectifier:
-        """Return the rectification of the last calibrations; raises InputError if they are none."""
+        """Return the rectification of the last calibrations; raises InputError if one is missing."""
         if self._rectifier is None:
             left, right = self._cameras
             models = camera_model(left), camera_model(right)
@@ -132,8 +137,16 @@ class StereoLink(InputLink):
             if T_right_left is None:
                 raise InputError(f"{self.entry.right_camera_info}: P[3] is 0, expected the baseline")
             stereo = StereoCalibration.from_parts(*models, T_right_left[:3, :3], T_right_left[:3, 3])
+            self._size = models[0].rows, models[0].cols
             self._rectifier = PairRectifier(stereo, self.entry.frame)
         return self._rectifier
+
+    def _checked(self, image: NDArray[Any]) -> NDArray[Any]:
+        """Return an image; raises InputError if it has another size than its calibration."""
+        if image.shape != self._size:
+            sizes = [f"{rows} x {columns} pixels" for rows, columns in (image.shape, self._size)]
+            raise InputError(f"image of {sizes[0]}, its calibration is for {sizes[1]}")
+        return image
 
 
 def _calibration_of(info: Any) -> tuple[Any, ...]:

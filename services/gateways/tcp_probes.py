@@ -12,7 +12,10 @@ _PROBES = {"TCP_KEEPIDLE": 30, "TCP_KEEPINTVL": 10, "TCP_KEEPCNT": 3}
 
 
 def probe(sock: socket.socket) -> None:
-    """End a connection within a minute if the other machine does not answer."""
+    """Have the system end a connection within a minute if the other machine does not answer.
+
+    Connections other than those of IPv4 and IPv6 stay as they are.
+    """
     if sock.family not in (socket.AF_INET, socket.AF_INET6):  # both programs are on this machine
         return
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)

@@ -13,10 +13,11 @@ from services.ros_messages.topics import Topic
 
 
 def pose_of_calibrations(left: Topic, right: Topic) -> FloatArray | None:
-    """Return T_right_left of the matrices R and P; None if P has no baseline.
+    """Return T_right_left ``(4, 4)``, metres, of the matrices R and P; None if P has no baseline.
 
     P of a rectified camera is ``[K | K t]`` with the position ``-t`` of its centre in the frame of the
-    rectified left camera. R rotates from the camera to the rectified camera.
+    rectified left camera. R rotates from the camera to the rectified camera. For topics of rectified images
+    the result is that of the rectified cameras.
     """
     projections = [camera_matrix(topic.camera, "p") for topic in (left, right)]
     offsets_m = [0.0 if P is None or not P[0, 0] else float(P[0, 3] / P[0, 0]) for P in projections]

@@ -148,6 +148,8 @@ def test_each_container_has_probes_limits_and_no_rights(reports: dict[str, dict[
         assert "memory" in container["resources"]["limits"], name
         assert {"cpu", "memory"} <= set(container["resources"]["requests"]), name
         assert container["securityContext"]["allowPrivilegeEscalation"] is False
+        assert container["securityContext"]["capabilities"] == {"drop": ["ALL"]}
+        assert pod["automountServiceAccountToken"] is False
         assert pod["securityContext"]["runAsNonRoot"] is True
     limits = {
         n: p["containers"][0]["resources"]["limits"]["memory"] for n, p in pods(reports["server"]).items()
@@ -200,10 +202,14 @@ def test_the_network_policy_admits_only_the_router_and_http(reports: dict[str, d
     default = policies["mission-default"]["spec"]
     assert default["podSelector"] == {"matchLabels": {"app.kubernetes.io/instance": "mission"}}
     assert "ingress" not in default
+    name_service, release = default["egress"]
+    assert ({port["port"] for port in name_service["ports"]}, "to" in name_service) == ({53}, False)
+    of_release = {"podSelector": default["podSelector"]}
+    assert (release["to"], [port["port"] for port in release["ports"]]) == ([of_release], [7447, 8080])
     assert set(default["policyTypes"]) == {"Ingress", "Egress"}
     router, dpm = policies["mission-router"]["spec"], policies["mission-dpm"]["spec"]
     assert [port["port"] for port in router["ingress"][0]["ports"]] == [7447]
-    assert {"ipBlock": {"cidr": "192.0.2.0/24"}} in router["ingress"][0]["from"]
+    assert router["ingress"][0]["from"] == [of_release, {"ipBlock": {"cidr": "192.0.2.0/24"}}]
     assert [port["port"] for port in dpm["ingress"][0]["ports"]] == [8080]
     assert dpm["egress"][0]["ports"] == [{"port": 5432}]
 

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -52,6 +53,20 @@ def test_a_ratio_outside_its_range_is_refused(ratio: str, tmp_path: Any) -> None
     pytest.importorskip("opentelemetry.sdk.trace", reason="install the extra otel: `make peers`")
     with pytest.raises(ConfigurationError, match=r"CDFF_TRACES_RATIO=.*expected a fraction"):
         tracing.start("a", {"CDFF_TRACES": str(tmp_path), "CDFF_TRACES_RATIO": ratio})
+
+
+@pytest.mark.parametrize(("ratio", "count"), [("0", 0), ("1", 1)])
+def test_the_ratio_is_the_fraction_of_the_requests_that_are_traced(
+    ratio: str, count: int, tmp_path: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("opentelemetry.sdk.trace", reason="install the extra otel: `make peers`")
+    monkeypatch.setattr(tracing, "tracer", None)
+    tracing.start("a", {"CDFF_TRACES": str(tmp_path), "CDFF_TRACES_RATIO": ratio})
+    (context,) = tracing.traced(ROOT_KEY, "", (tracing.current() for _ in range(1)))
+    tracing.stop()
+    (file,) = tmp_path.glob("a_*.jsonl")
+    assert file.read_text().count('"spanId"') == count
+    assert bool(context) == bool(count)
 
 
 def test_a_missing_library_is_refused_with_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -122,6 +137,30 @@ def test_a_kept_context_is_that_of_the_last_request_and_is_used_once(exporter: A
     list(tracing.traced(ROOT_KEY, "", answer()))
     tracing.keep("mana/lidar_slam")  # of a request that is not traced
     assert tracing.kept("mana/lidar_slam") == ""
+
+
+def test_the_oldest_kept_contexts_are_dropped(exporter: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tracing, "_KEPT", 2)
+
+    def answer() -> Iterator[str]:
+        for subject in "abac":
+            tracing.keep(subject)
+        yield ""
+
+    list(tracing.traced(ROOT_KEY, "", answer()))
+    assert [subject for subject in "abc" if tracing.kept(subject)] == ["a", "c"]
+
+
+def test_spans_that_a_full_disk_refuses_are_lost_and_the_service_works(
+    tmp_path: Any, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    pytest.importorskip("opentelemetry.sdk.trace", reason="install the extra otel: `make peers`")
+    monkeypatch.setattr(tracing, "tracer", None)
+    (tmp_path / f"a_{os.getpid()}.jsonl").symlink_to("/dev/full")
+    tracing.start("a", {"CDFF_TRACES": str(tmp_path)})
+    assert list(tracing.traced(ROOT_KEY, "", iter("b"))) == ["b"]
+    tracing.stop()
+    assert "1 spans are not written" in caplog.text
 
 
 def test_a_folder_receives_the_spans_as_otlp_in_json(tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -100,6 +100,14 @@ def test_rotation_offset_biases_and_position_are_found_without_a_guess(data: Rec
     assert result.pose.figures["accelerometer_noise_m_s2_sqrt_hz"] == pytest.approx(1e-2, rel=0.2)
 
 
+def test_the_stated_covariance_is_that_of_the_errors() -> None:
+    results = [recording(seed).calibrated() for seed in range(10, 16)]
+    per_parameter = [chi2(result) / len(PARAMETERS) for result in results]
+    assert 0.5 < np.mean(per_parameter) < 1.4
+    for result in results:
+        assert result.pose.figures["variance_ratio"] == pytest.approx(1.0, abs=0.2)
+
+
 @pytest.mark.parametrize("offset_s", [-0.13, 0.61])
 def test_large_offsets_of_the_clocks_are_found_with_either_sign(offset_s: float) -> None:
     result = recording(2, offset_s=offset_s).calibrated()

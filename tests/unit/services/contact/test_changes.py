@@ -4,17 +4,21 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
+from collections.abc import Iterator
+from contextlib import ExitStack, closing
+from pathlib import Path
 from typing import Any
 
 import pytest
 
-from cdff_common.errors import CodecError
+from cdff_common.errors import CodecError, ConflictError
 from cdff_common.interfaces.contact_plan import ContactPlan
 from cdff_dev.contact.generated_products import product
+from dpm_store.exchange.ledger import AnnouncedRow, ChangeRow, Ledger
 from dpm_store.history.events import Actor, acting
-from services.contact.changes import apply_on_robot
+from services.contact.changes import GroundChanges, apply_on_robot
 from services.contact.ground_end import GroundEnd
+from services.contact.requests import DeferredRequests
 from services.dpm.operations.dpm import Dpm
 from tests.unit.services.contact.test_exchange import CLOUD, MAP, Ends, ends, is_at_ground, wait_until, window
 
@@ -144,3 +148,91 @@ def test_notes_that_do_not_fit_in_a_datagram_are_refused_with_the_reason(exchang
 def test_a_change_that_cannot_be_read_is_refused(exchanged: Ends, body: dict[str, str]) -> None:
     with pytest.raises(CodecError, match="cannot be read"):
         apply_on_robot(exchanged.robot, body)
+
+
+@pytest.fixture
+def ledger(tmp_path: Path) -> Iterator[Ledger]:
+    """Ledger of the ground, without ends."""
+    (tmp_path / "ledger").mkdir()
+    with closing(Ledger(tmp_path / "ledger")) as ledger:
+        yield ledger
+
+
+def requests_of(ends: Ends, ledger: Ledger) -> DeferredRequests:
+    return DeferredRequests(ends.ground, ledger, ContactPlan(windows=(window(0, 100),)))
+
+
+def test_a_pinned_product_of_the_robot_does_not_keep_the_others_from_deletion(ends: Ends) -> None:
+    ends.robot.store.put_all([product(1, n) for n in (0, 1, 2)])
+    annotate(ends.robot, ROBOT, 1, pinned=True)
+    ids = [id_of(n) for n in (0, 1, 2)]
+    with pytest.raises(ConflictError, match=f"product {id_of(1)} is pinned"):
+        apply_on_robot(ends.robot, {"change": "delete", "ids": ",".join(ids)})
+    assert ends.robot.store.live(ids) == {id_of(1)}
+
+
+def test_the_next_change_of_a_field_is_sent_when_the_robot_has_the_previous_one(
+    ends: Ends, ledger: Ledger
+) -> None:
+    ends.ground.store.put_all([product(1, n) for n in (0, 1)])
+    requests = requests_of(ends, ledger)
+    changes = GroundChanges(ends.ground, ledger, ["mana"], requests.add_change)
+    for number, values in ((0, {"notes": "a"}), (0, {"notes": "b", "tags": ["b"]}), (1, {"notes": "c"})):
+        annotate(ends.ground, OPERATOR, number, **values)
+    changes.scan()
+    first = {(row.body["id"], row.body["values"]): row.id for row in requests.open("mana")}
+    notes = (id_of(0), '{"notes": "a"}')
+    assert set(first) == {notes, (id_of(0), '{"tags": ["b"]}'), (id_of(1), '{"notes": "c"}')}
+    requests.taken(first[notes])
+    assert '{"notes": "b"}' in {row.body["values"] for row in requests.open("mana")}
+
+
+def test_changes_of_one_time_stay_in_their_order(
+    ends: Ends, ledger: Ledger, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ends.ground.clock, "now_ns", lambda: 1_700_000_000 * 10**9)
+    ends.ground.store.put_all([product(1, 0)])
+    requests = requests_of(ends, ledger)
+    changes = GroundChanges(ends.ground, ledger, ["mana"], requests.add_change)
+    texts = [f"note {k}" for k in range(12)]  # their events have ordinals of one and of two digits
+    for text in texts:
+        annotate(ends.ground, OPERATOR, 0, notes=text)
+    changes.scan()
+    assert [row.body["values"] for row in ledger.requests()] == [f'{{"notes": "{text}"}}' for text in texts]
+
+
+def test_values_go_back_to_two_robots_whose_changes_have_the_same_number(ends: Ends, ledger: Ledger) -> None:
+    ends.ground.store.put_all([product(1, n) for n in (0, 1)])
+    requests = requests_of(ends, ledger)
+    changes = GroundChanges(ends.ground, ledger, ["mana"], requests.add_change)
+    for number in (0, 1):
+        annotate(ends.ground, OPERATOR, number, notes="ground")
+    changes.scan()
+    for row in requests.open("mana"):
+        requests.result(row.id, {})
+    for robot, number in (("mana", 0), ("minnie", 1)):
+        ledger.add_changes(robot, [ChangeRow(5, id_of(number), "updated", {"notes": "robot"})])
+        changes.apply(robot)
+    kept = ledger.requests("kept")
+    assert {(row.robot, row.body["id"]) for row in kept} == {("mana", id_of(0)), ("minnie", id_of(1))}
+    assert {row.body["values"] for row in kept} == {'{"notes": "ground"}'}
+
+
+def test_a_change_of_a_product_that_was_deleted_at_the_ground_does_not_wait_for_it(
+    ends: Ends, ledger: Ledger
+) -> None:
+    ends.ground.store.put_all([product(1, 0)])
+    ends.ground.store.delete(id_of(0))
+    changes = GroundChanges(ends.ground, ledger, ["mana"], requests_of(ends, ledger).add_change)
+    rows = [ChangeRow(5 + n, id_of(n), "updated", {"notes": "robot"}) for n in (0, 1)]
+    ledger.add_changes("mana", rows)
+    changes.apply("mana")
+    assert ledger.changes("mana") == rows[1:]  # product 1 has not arrived
+
+
+def test_a_robot_with_another_store_has_no_changes_of_the_previous_one(ledger: Ledger) -> None:
+    ledger.announce("mana", [AnnouncedRow(1, 0, 10, b"")])
+    for robot in ("mana", "minnie"):
+        ledger.add_changes(robot, [ChangeRow(5, "a", "deleted", {})])
+    ledger.clear("mana")
+    assert (ledger.announced("mana"), ledger.changes("mana"), len(ledger.changes("minnie"))) == ([], [], 1)

@@ -16,7 +16,7 @@ from services.ros_messages.encoding import Outgoing
 from services.ros_messages.message_types import RosTypes
 from tests.integration.conftest import wait_until
 
-_NS = 1_600_000_000_000_000_000
+_NS = 1_600_000_000_012_345_000
 
 
 class Published:

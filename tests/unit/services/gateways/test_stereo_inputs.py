@@ -108,6 +108,33 @@ def test_images_without_a_partner_and_without_a_calibration_are_counted() -> Non
     assert robot.dropped == {"content": 1, "pair": 5}
 
 
+@pytest.mark.parametrize(("difference_ms", "count"), [(4.9, 1), (-4.9, 1), (5.1, 0), (-5.1, 0)])
+def test_images_up_to_5_ms_apart_are_a_pair_with_the_stamp_of_the_left_one(
+    difference_ms: float, count: int
+) -> None:
+    robot = Robot(2)
+    for topic, message in robot.messages(0, _NS)[1].items():
+        if topic.endswith("camera_info"):
+            robot.send(topic, message)
+    for side, stamp_ns in (("left", _NS), ("right", _NS + int(difference_ms * 1e6))):
+        topic = f"/nav/{side}/image_rect"
+        robot.send(topic, robot.messages(0, stamp_ns)[1][topic])
+    assert [pair.stamp_ns for pair in robot.pairs] == [_NS] * count
+    assert robot.dropped == {}
+
+
+def test_rectified_images_of_another_size_than_their_calibration_are_dropped_with_the_sizes() -> None:
+    robot = Robot(2)
+    messages = robot.messages(0, _NS)[1]
+    for topic in sorted(messages, key=lambda name: "image" in name):
+        if topic.endswith("camera_info"):
+            messages[topic].height, messages[topic].width = 60, 80
+        robot.send(topic, messages[topic])
+    assert (robot.pairs, robot.dropped) == ([], {"content": 1})
+    fault = robot.link.counters.to_map()["last_fault"]
+    assert fault == "InputError: image of 30 x 40 pixels, its calibration is for 60 x 80 pixels"
+
+
 def test_a_clock_that_is_set_back_does_not_end_the_pairs() -> None:
     robot = Robot(2)
     for topic, message in robot.messages(0, _NS)[1].items():
