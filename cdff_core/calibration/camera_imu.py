@@ -5,9 +5,9 @@
 Poses and velocities of the camera at the times of the images are estimated together with the pose of the
 unit, the offset of its clock, the biases of gyro and accelerometer, and gravity. Two successive images are
 connected by the integrals of the readings between them [1]_, which start and end at the times of the images
-in the clock of the unit: their derivative by these times determines the offset [2]_. The start is the
+in the clock of the IMU: their derivative by these times determines the offset [2]_. The start is the
 rotation between the angular rates of camera and unit at the offset at which they correlate most, so that no
-guess is needed. The noise of the unit is estimated from its readings.
+guess is needed. The noise of the IMU is estimated from its readings.
 
 References
 ----------
@@ -46,8 +46,8 @@ from cdff_core.calibration.imu_integrals import (
 )
 from cdff_core.calibration.relative_pose import RelativePose, undetermined_directions
 
-#: Names of the common parameters: pose of the unit in the camera, biases, gravity in the frame of the board,
-#: and time to add to the stamps of the unit; metres, radians, rad/s, m/s² and seconds.
+#: Names of the common parameters: pose of the IMU in the camera, biases, gravity in the frame of the board,
+#: and time to add to the stamps of the IMU; metres, radians, rad/s, m/s² and seconds.
 PARAMETERS = (
     *("x", "y", "z", "roll", "pitch", "yaw"),
     *("gyro_bias_x_rad_s", "gyro_bias_y_rad_s", "gyro_bias_z_rad_s"),
@@ -83,7 +83,7 @@ class CameraImu:
     Attributes
     ----------
     pose : RelativePose
-        Pose of the unit in the frame of the camera.
+        Pose of the IMU in the frame of the camera.
     values : ndarray, shape (16,)
         Values of ``PARAMETERS`` after the six of the pose; those six are 0.
     covariance : ndarray, shape (16, 16)
@@ -97,7 +97,7 @@ class CameraImu:
 
 @dataclass(slots=True, eq=False)
 class _State:
-    """Poses ``T_board_camera`` (n, 4, 4), velocities of the unit ``(n, 3)`` and the common parameters."""
+    """Poses ``T_board_camera`` (n, 4, 4), velocities of the IMU ``(n, 3)`` and the common parameters."""
 
     T: FloatArray
     velocity: FloatArray
@@ -157,7 +157,7 @@ def camera_imu_calibration(
     imu_ns : ndarray, shape (n,)
         Ascending times of the readings.
     force_m_s2, rate_rad_s : ndarray, shape (n, 3)
-        Specific force (upwards at rest) and angular rate in the axes of the unit.
+        Specific force (upwards at rest) and angular rate in the axes of the IMU.
     gravity_m_s2 : float
         Acceleration of gravity at the place of the calibration.
     largest_offset_s : float
@@ -169,7 +169,7 @@ def camera_imu_calibration(
         If images and readings have no common interval of time.
     DegenerateGeometryError
         If fewer than ``LEAST_INTERVALS`` pairs of images show the board, the camera does not rotate, or its
-        rotation is not that of the unit.
+        rotation is not that of the IMU.
     """
     origin_ns = int(stamps_ns[0]) if len(stamps_ns) else 0
     own = np.array([stamps_ns[board.number] for board in boards], np.int64)

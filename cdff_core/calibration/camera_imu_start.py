@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Start of the calibration of a camera and an inertial measurement unit by their angular rates.
 
-The offset is that at which the rates of both correlate most; images whose rotation contradicts the unit are
+The offset is that at which the rates of both correlate most; images whose rotation contradicts the IMU are
 dropped, for example those with the wrong one of the two poses that a view of a plane permits.
 """
 
@@ -79,7 +79,7 @@ def agreed_rotation(
     ------
     DegenerateGeometryError
         If fewer than ``LEAST_INTERVALS`` pairs of images are connected, the camera does not rotate, or its
-        rotation is not that of the unit.
+        rotation is not that of the IMU.
     """
     is_kept = np.ones(len(t_s), dtype=bool)
     offset_s, R = 0.0, np.eye(3)

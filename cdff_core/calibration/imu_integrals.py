@@ -33,7 +33,7 @@ class Readings(NamedTuple):
 
 
 class Integrals(NamedTuple):
-    """Integrals over k intervals in the axes of the unit at their starts.
+    """Integrals over k intervals in the axes of the IMU at their starts.
 
     ``rotation`` is ``(k, 3, 3)``, ``velocity`` and ``position`` are ``(k, 3)``: single and double integral of
     the specific force, without gravity.
@@ -51,7 +51,7 @@ def integrals(readings: Readings, t_s: FloatArray, duration_s: FloatArray, bias:
     ----------
     readings : Readings
     t_s, duration_s : ndarray, shape (k,)
-        Starts in the clock of the unit, and durations.
+        Starts in the clock of the IMU, and durations.
     bias : ndarray, shape (6,)
         Of angular rate (rad/s) and specific force (m/s²); it is subtracted.
     """

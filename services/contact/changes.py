@@ -71,9 +71,9 @@ def apply_on_robot(dpm: Dpm, body: Mapping[str, str]) -> dict[str, Any]:
     """
     try:
         is_update = body["change"] == "update"
-        values = json.loads(body["values"]) if is_update else {}
+        values = dict(json.loads(body["values"]).items()) if is_update else {}
         ids = [body["id"]] if is_update else body["ids"].split(",")
-    except (KeyError, ValueError) as error:
+    except (AttributeError, KeyError, ValueError) as error:
         raise CodecError(f"change {str(body)[:200]} cannot be read: {error!r}") from error
     refused = []
     with acting(Actor("ground", "operator", VIA)):

@@ -31,7 +31,7 @@ def write_motion_folder(path: Path, *, images_hz: float = 10.0, duration_s: floa
     for stamp, T in zip(stamps_ns, motion.T_camera_board((stamps_ns - START_NS) * 1e-9), strict=True):
         cv2.imwrite(str(path / "images" / f"{stamp}.png"), board_image(CAMERA, BOARD, T, rng, noise=1.0))
     imu_ns = stamps_at(200.0, duration_s + 0.4, START_NS - 200_000_000)
-    # A reading is that of the time of its stamp and the offset.
+    # The reading with the stamp t is that of the time t + OFFSET_S.
     exact = motion.readings((imu_ns - START_NS) * 1e-9 + OFFSET_S, T_CAMERA_IMU, GRAVITY)
     force, rate = noisy_readings(*exact, rng, rate_hz=200.0, biases=BIASES)
     lines = ["#timestamp [ns],w_RS_S_x [rad s^-1],w_RS_S_y,w_RS_S_z,a_RS_S_x [m s^-2],a_RS_S_y,a_RS_S_z"]

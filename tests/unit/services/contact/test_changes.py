@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Annotations and deletions over a contact: of the robot, of the ground, and of both at once."""
+"""The robot, the ground, or both annotate and delete products; contact windows exchange the changes."""
 
 from __future__ import annotations
 
@@ -144,7 +144,14 @@ def test_notes_that_do_not_fit_in_a_datagram_are_refused_with_the_reason(exchang
     assert annotation(exchanged.robot, MAP)["notes"] == ""
 
 
-@pytest.mark.parametrize("body", [{"change": "update", "id": "a", "values": "{"}, {"change": "delete"}])
+@pytest.mark.parametrize(
+    "body",
+    [
+        {"change": "update", "id": "a", "values": "{"},
+        {"change": "update", "id": "a", "values": "[1]"},
+        {"change": "delete"},
+    ],
+)
 def test_a_change_that_cannot_be_read_is_refused(exchanged: Ends, body: dict[str, str]) -> None:
     with pytest.raises(CodecError, match="cannot be read"):
         apply_on_robot(exchanged.robot, body)
