@@ -2,24 +2,27 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Exchange of generated products between two stores over a simulated link with contact windows.
 
-``kills`` are seeded runs with killed processes and an outage. ``capacity`` are full windows without faults.
-``delays`` measures commands, alarms and poses while the link is full. All steps have a deadline.
+``kills`` are seeded runs with killed processes and an outage, ``long`` a fifth as many in longer windows.
+``capacity`` are full windows without faults. ``delays`` measures commands, alarms and poses while the link is
+full. All steps have a deadline.
 """
 
 from __future__ import annotations
 
+import math
 import statistics
 import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-from cdff_dev.contact.seeded_run import CYCLE, RATE_BIT_S, seeded_run
+from cdff_dev.contact.seeded_run import CYCLE, RATE_BIT_S, WINDOW_S, seeded_run
 from cdff_dev.contact.simulated_link import Direction
 from cdff_dev.contact.two_stores import GROUND_SIDE, ROBOT_SIDE, TwoStores
 
-PARTS = ("kills", "capacity", "delays")
+PARTS = ("kills", "long", "capacity", "delays")
 #: Number of runs with kills.
 OPTIONS = {"count": 100}
 #: Loss and one-way delay in seconds of the full windows without faults.
@@ -28,6 +31,12 @@ _LOSSES, _DELAY_S, _UP_BIT_S = (0.0, 0.02), 0.05, 2e5
 _MEASUREMENTS, _WINDOW_S, _LIMIT_S = 20, 300.0, 30.0
 #: Products that keep the link full during the measurement of delays.
 _CYCLES = 15
+#: Runs with kills at the same time: most of their time they wait for the link.
+_AT_ONCE = 3
+#: Duration of the window of ``long``, seconds, and cycles of products that fill it.
+_LONG_S, _LONG_CYCLES = 120.0, 27
+#: Windows of the parts with kills, seconds.
+_WINDOWS_S = {"kills": WINDOW_S, "long": _LONG_S}
 #: 64 bytes of names and values.
 _COMMAND = {"type": "dem", "frame": "site", "region": "bbox:-10.5,-10.5,10.5,10.", "max_age_s": "86400.00"}
 
@@ -38,7 +47,10 @@ def evaluate(
     """Return the figures of the parts; the data folder is not used."""
     figures: dict[str, Any] = {}
     if "kills" in parts:
-        figures["kills"] = [_run(progress, "kills", seed) for seed in range(count)]
+        figures["kills"] = _runs(progress, "kills", count)
+    if "long" in parts:
+        options = {"window_s": _LONG_S, "cycles": _LONG_CYCLES}
+        figures["long"] = _runs(progress, "long", math.ceil(count / 5), **options)
     if "capacity" in parts:
         figures["capacity"] = [
             {"loss": loss, **_run(progress, "capacity", 0, kills=0, loss=loss, delay_s=delay_s)}
@@ -47,6 +59,11 @@ def evaluate(
     if "delays" in parts:
         figures["delays"] = [_delays(progress, loss) for loss in _LOSSES]
     return figures
+
+
+def _runs(progress: Callable[[str], None], part: str, count: int, **options: Any) -> list[dict[str, Any]]:
+    with ThreadPoolExecutor(_AT_ONCE) as pool:
+        return list(pool.map(lambda seed: _run(progress, part, seed, **options), range(count)))
 
 
 def _run(progress: Callable[[str], None], part: str, seed: int, **options: Any) -> dict[str, Any]:
@@ -110,19 +127,14 @@ def _summary(times_s: Sequence[float]) -> dict[str, float]:
 def table(figures: Mapping[str, Any]) -> str:
     """Return the tables of the parts."""
     lines = []
-    if runs := figures.get("kills"):
+    if any(figures.get(part) for part in _WINDOWS_S):
         lines += [
-            "| runs with kills | products | lost | wrong | stored twice | used, median and least "
-            "| resent, median and largest |",
-            "|---|---|---|---|---|---|---|",
-            f"| {len(runs)} | {sum(r['products'] for r in runs)} "
-            + "".join(f"| {sum(r[name] for r in runs)} " for name in ("lost", "wrong", "twice"))
-            + f"| {_percent(statistics.median(r['used'] for r in runs))}, "
-            f"{_percent(min(r['used'] for r in runs))} "
-            f"| {_percent(statistics.median(r['resent'] for r in runs))}, "
-            f"{_percent(max(r['resent'] for r in runs))} |",
-            "",
+            "| window | runs | products | lost | wrong | stored twice | used: median, least, runs ≥ 80 % "
+            "| of the whole window: median, least | resent: median, largest, runs ≤ 10 % |",
+            "|---|---|---|---|---|---|---|---|---|",
         ]
+        lines += [_kills(runs, _WINDOWS_S[part]) for part in _WINDOWS_S if (runs := figures.get(part))]
+        lines.append("")
     if runs := figures.get("capacity"):
         lines += ["| loss | one-way delay | used | resent | out of order |", "|---|---|---|---|---|"]
         lines += [
@@ -144,6 +156,20 @@ def table(figures: Mapping[str, Any]) -> str:
             for r in rows
         ]
     return "\n".join(lines).rstrip()
+
+
+def _kills(runs: Sequence[Mapping[str, Any]], window_s: float) -> str:
+    """Return the row of runs with kills in windows of one duration."""
+    used, of_all, resent = ([r[name] for r in runs] for name in ("used", "used_of_all", "resent"))
+    cells = [
+        f"{window_s:g} s",
+        len(runs),
+        *(sum(r[name] for r in runs) for name in ("products", "lost", "wrong", "twice")),
+        f"{_percent(statistics.median(used))}, {_percent(min(used))}, {sum(u >= 0.8 for u in used)}",
+        f"{_percent(statistics.median(of_all))}, {_percent(min(of_all))}",
+        f"{_percent(statistics.median(resent))}, {_percent(max(resent))}, {sum(r <= 0.1 for r in resent)}",
+    ]
+    return "| " + " | ".join(map(str, cells)) + " |"
 
 
 def _percent(share: float) -> str:

@@ -136,6 +136,13 @@ class Commands:
             total += 0 if is_small else record.size
         return total
 
+    def received_bytes(self) -> int:
+        """Return the bytes of records and payloads that the ground has noted, complete or in part."""
+        with closing(Ledger(self._dpm.store.directory)) as ledger:
+            parts = sum(end - first for part in ledger.parts(ROBOT) for first, end in part.ranges)
+            records = sum(len(row.body) for row in ledger.announced(ROBOT))
+        return parts + records + self.item_bytes()
+
     def close(self) -> None:
         """End the exchange."""
         if self._end is not None:

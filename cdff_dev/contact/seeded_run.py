@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,8 @@ PRIORITIES = {"pose": 0, "dem": 1, "pointcloud": 2}
 #: Products of the generated cycle: 20 poses, a map and a cloud, 0.64 MB.
 CYCLE = 22
 _LAST_WINDOW_S, _LIMIT_S = 600.0, 120.0
+#: Time until the ground has noted all received bytes, seconds.
+_NOTED_S = 0.7
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,9 +41,13 @@ class RunResult:
     products : int
     lost, wrong, twice : int
         Products that are not at the ground, that differ from those of the robot, and that were stored twice.
+    out_s : float
+        Time of the first window in which the link did not exist or a killed process did not run, seconds.
     used : float
-        New bytes at the ground, divided by those that the link can carry while it exists and both processes
-        run, in the first window.
+        Bytes of records and payloads at the ground from the first window, divided by those that the link can
+        carry in the rest of the window.
+    used_of_all : float
+        The same bytes, divided by those that the link can carry in the whole window.
     resent : float
         Fraction of the sent item bytes that were sent before.
     disordered : int
@@ -55,28 +61,17 @@ class RunResult:
     lost: int
     wrong: int
     twice: int
+    out_s: float
     used: float
+    used_of_all: float
     resent: float
     disordered: int
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain data with rounded fractions."""
-        rounded = {"used": round(self.used, 3), "resent": round(self.resent, 3)}
-        return asdict(self) | rounded | {"delay_s": round(self.delay_s, 3), "killed": list(self.killed)}
-
-
-class _Counters:
-    """Sums of the counters of processes over their restarts."""
-
-    def __init__(self) -> None:
-        self.new_bytes = self.sent_bytes = 0
-
-    def add(self, side: str, status: Mapping[str, Any]) -> None:
-        """Add the counters of a process that ends, or whose window has ended."""
-        if side == GROUND_SIDE:
-            self.new_bytes += status["bytes_received"] - status["bytes_repeated"]
-        else:
-            self.sent_bytes += status["bytes_sent"]
+        names = ("delay_s", "out_s", "used", "used_of_all", "resent")
+        rounded = {name: round(getattr(self, name), 3) for name in names}
+        return asdict(self) | rounded | {"killed": list(self.killed)}
 
 
 def seeded_run(
@@ -120,22 +115,22 @@ def seeded_run(
     windows_s = [(0.0, window_s), (window_s + PAUSE_S, window_s + PAUSE_S + _LAST_WINDOW_S)]
     sides = [random_.choice((ROBOT_SIDE, GROUND_SIDE)) for _ in range(kills)]
     times_s = sorted(random_.uniform(0.1, 0.7) * window_s for _ in range(kills))
-    counters, out_s = _Counters(), 0.0
+    sent_bytes, out_s = 0, 0.0
     with TwoStores(folder, windows_s, down, up, seed) as both:
         both.start(ROBOT_SIDE, GROUND_SIDE)
         both.call(ROBOT_SIDE, "put", seed=seed, numbers=list(range(cycles * CYCLE)))
         both.begin(lead_s=1.0)
         for side, time_s in zip(sides, times_s, strict=True):
             _wait_until(both, time_s)
-            out_s += _kill_and_restart(both, side, counters, window_s)
+            sent_bytes += both.call(ROBOT_SIDE, "status")["bytes_sent"] if side == ROBOT_SIDE else 0
+            out_s += _kill_and_restart(both, side, window_s)
         if kills and both.now_s < window_s - 2.0:
             out_s += _interrupt(both, random_.uniform(0.3, 1.5))
-        _wait_until(both, window_s)
-        counters.add(GROUND_SIDE, both.call(GROUND_SIDE, "status"))
-        in_window_s = window_s - min(out_s, window_s)
-        used = counters.new_bytes / max(RATE_BIT_S / 8.0 * in_window_s, 1.0)
+        _wait_until(both, window_s + delay_s + _NOTED_S)
+        link_bytes, out_s = RATE_BIT_S / 8.0 * window_s, min(out_s, 0.99 * window_s)
+        used = both.call(GROUND_SIDE, "received_bytes") / link_bytes
         both.wait_for(lambda: _is_complete(both), _LIMIT_S, "the end of the exchange")
-        counters.add(ROBOT_SIDE, both.call(ROBOT_SIDE, "status"))
+        sent_bytes += both.call(ROBOT_SIDE, "status")["bytes_sent"]
         sent, arrived = (both.call(side, "digests") for side in (ROBOT_SIDE, GROUND_SIDE))
         item_bytes = both.call(ROBOT_SIDE, "item_bytes")
         return RunResult(
@@ -146,8 +141,10 @@ def seeded_run(
             lost=len(sent.keys() - arrived.keys()),
             wrong=sum(sent.get(key) != digest for key, digest in arrived.items()),
             twice=both.call(GROUND_SIDE, "insertions") - len(arrived),
-            used=used,
-            resent=max(1.0 - item_bytes / counters.sent_bytes, 0.0),
+            out_s=out_s,
+            used=used / (1.0 - out_s / window_s),
+            used_of_all=used,
+            resent=max(1.0 - item_bytes / sent_bytes, 0.0),
             disordered=_disordered(both.call(GROUND_SIDE, "types")),
         )
 
@@ -162,9 +159,8 @@ def _wait_until(both: TwoStores, time_s: float) -> None:
     both.wait_for(lambda: both.now_s >= time_s, _LIMIT_S, f"second {time_s:.1f} of the plan")
 
 
-def _kill_and_restart(both: TwoStores, side: str, counters: _Counters, window_s: float) -> float:
-    """Kill a process and start it again; return the time for which it did not run, seconds."""
-    counters.add(side, both.call(side, "status"))
+def _kill_and_restart(both: TwoStores, side: str, window_s: float) -> float:
+    """Kill a process and start it again; return the time of the window for which it did not run, seconds."""
     start_s = both.now_s
     both.kill(side)
     both.restart(side)

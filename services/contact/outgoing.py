@@ -45,6 +45,8 @@ class Outgoing:
         self._block: tuple[int, int, bytes] = (-1, 0, b"")
         self._products: dict[int, OutboxRow] = {}
         self._bundle: tuple[int, int] | None = None  # ordinals of the first and the last event
+        self._progress: dict[str, int] = ledger.note("progress", {})
+        self.sender.expect({int(key): end for key, end in self._progress.items()})
         for row in ledger.outbox():
             self._add(row)
 
@@ -59,6 +61,7 @@ class Outgoing:
                 self._add(row)
         if self._bundle is None:
             self._next_bundle()
+        self._note_progress()
 
     def done(self, keys: Iterable[int]) -> None:
         """Remove items that the ground has stored."""
@@ -110,6 +113,17 @@ class Outgoing:
             total[0] += 1
             total[1] += row.size
         return totals
+
+    def _note_progress(self) -> None:
+        """Note how far large items were sent, in blocks and one block more, so that it is written rarely.
+
+        A later process starts there until the ground reports its intervals.
+        """
+        ends = {key: end for key, end in self._progress.items() if int(key) in self.sender}
+        ends |= {str(key): (end // _BLOCK + 2) * _BLOCK for key, end in self.sender.progress().items()}
+        if ends != self._progress:
+            self._ledger.set_note("progress", ends)
+            self._progress = ends
 
     def _rows(self, events: Iterable[Event]) -> Iterable[OutboxRow]:
         for event in events:

@@ -9,7 +9,7 @@ from services.contact.packets import FRAME_BYTES
 #: Share of the rate that is used: the rest is for the keep-alive messages of Zenoh.
 _SHARE = 0.97
 #: Time whose bytes may be sent at once, seconds, after the thread was not scheduled.
-_BURST_S = 0.05
+_BURST_S = 0.1
 
 
 class Pacer:

@@ -14,12 +14,13 @@ from typing import Any
 from cdff_common.bus import keys
 from cdff_common.bus.contact_session import ContactSession
 from cdff_common.clock import monotonic_s
-from cdff_common.errors import CdffError, CodecError, StorageError, UnavailableError
+from cdff_common.errors import CdffError, CodecError, StorageError
 from cdff_common.interfaces.contact_plan import ContactPlan, ContactWindow
 from cdff_common.interfaces.profile import Exchange
 from dpm_store.exchange.ledger import Ledger, RequestRow
 from services.contact.changes import apply_on_robot
 from services.contact.conditions import ExchangeAlarms
+from services.contact.connector import Connector
 from services.contact.outgoing import Outgoing
 from services.contact.pacing import Pacer
 from services.contact.packets import Kind, pack, unpack
@@ -31,15 +32,17 @@ logger = logging.getLogger(__name__)
 Execute = Callable[[dict[str, str], float], dict[str, Any]]
 
 _STEP_S, _IDLE_S = 0.002, 0.02
-#: Periods of greetings without an answer, of answers that are not noted, and of looks at the store.
-_HELLO_S, _RESULT_S, _SCAN_S, _EXPIRE_S = 0.5, 0.5, 0.2, 0.1
+#: Periods of greetings without an answer, and of those when there is nothing to send.
+_HELLO_S, _IDLE_HELLO_S = 0.2, 0.5
+#: Periods of answers that are not noted, of looks at the store, and of looks for lost packets.
+_RESULT_S, _SCAN_S, _EXPIRE_S = 0.5, 0.2, 0.1
 #: Longest wait for the execution of a request when the end is closed.
 _STOP_S = 2.0
 #: Time between attempts on a full disk.
 _STORAGE_S = 2.0
-#: Time without a packet from the ground, in addition to the round trip, after which the session is opened
-#: again.
-_SILENCE_S = 1.5
+#: Time without a packet from the ground, in addition to the round trip, after which another session is
+#: opened; and the number of acknowledgements that are missing in a row while packets are in flight.
+_SILENCE_S, _SILENT_ACKS = 1.5, 4
 
 
 class RobotEnd:
@@ -62,17 +65,18 @@ class RobotEnd:
     def __init__(
         self, robot: str, dpm: Dpm, plan: ContactPlan, endpoint: str, exchange: Exchange, execute: Execute
     ) -> None:
-        self._robot, self._dpm, self._plan, self._endpoint = robot, dpm, plan, endpoint
+        self._robot, self._dpm, self._plan = robot, dpm, plan
         self._exchange, self._execute = exchange, execute
         self._ledger = Ledger(dpm.store.directory)
         self.outgoing = Outgoing(robot, dpm, self._ledger, exchange)
         self._inbox: queue.SimpleQueue[bytes] = queue.SimpleQueue()
         self._pacer = Pacer()
+        self._connector = Connector(endpoint)
         self._session: ContactSession | None = None
         self._window: ContactWindow | None = None
         self._epoch, self._is_welcome = 0, False
         self._heard_s = self._hello_s = self._scan_s = self._expire_s = self._result_s = 0.0
-        self._round_trip_s = 0.0
+        self._round_trip_s, self._ack_s = 0.0, 0.1
         self._alarms = ExchangeAlarms(dpm.alarms, plan, dpm.clock)
         self._requests: queue.SimpleQueue[RequestRow | None] = queue.SimpleQueue()
         self._ended = threading.Event()
@@ -95,8 +99,8 @@ class RobotEnd:
         self._requests.put(None)
         self._threads[0].join()
         self._threads[1].join(_STOP_S)  # it may wait for the orchestrator
-        if self._session is not None:
-            self._session.close()
+        self._end_session()
+        self._connector.close()
         self._ledger.close()
 
     def status(self) -> dict[str, Any]:
@@ -126,15 +130,35 @@ class RobotEnd:
             self._end_session()
             self._window = window
         if window is None:
+            self._connector.stop()
             return
         budget = self._exchange.budget_bit_s
         self._pacer.set_rate(window.rate_bit_s if budget is None else min(window.rate_bit_s, budget))
         self._pacer.update(now_s)
-        if self._session is None and not self._connect(window):
-            return
+        self._ack_s = ack_period_s(window)
+        self._round_trip_s = 2.0 * window.delay_s + 4.0 * self._ack_s
         while not self._inbox.empty():
             self._receive(self._inbox.get(), monotonic_s())
-        self._send(window, monotonic_s())
+        now_s = monotonic_s()
+        is_silent = self._is_silent(now_s)
+        if self._is_welcome and not is_silent:
+            self._connector.stop()
+        else:
+            self._connector.poll(now_s, window.delay_s)
+        if is_silent and (session := self._connector.take()) is not None:
+            self._begin_session(session, now_s)
+            is_silent = False
+        if self._session is not None:
+            self._send(window, now_s, is_silent)
+
+    def _is_silent(self, now_s: float) -> bool:
+        """Return whether there is no session, or the ground does not answer in it."""
+        if self._session is None:
+            return True
+        limit_s = self._round_trip_s + (_SILENCE_S if self._is_welcome else 0.0)
+        if self.outgoing.sender.oldest_s < now_s - self._round_trip_s:
+            limit_s = _SILENT_ACKS * self._ack_s
+        return now_s - self._heard_s > limit_s
 
     def _scan(self) -> None:
         """Add the new items; on a full disk they are added later."""
@@ -146,38 +170,33 @@ class RobotEnd:
         else:
             self._alarms.storage_works(self._robot)
 
-    def _connect(self, window: ContactWindow) -> bool:
-        try:
-            self._session = ContactSession.connect(self._endpoint, window.delay_s)
-        except UnavailableError as error:
-            logger.debug("%s", error)
-            return False
-        self._session.receive(keys.contact(self._robot, "up"), lambda _, data: self._inbox.put(data))
-        self._epoch, self._is_welcome = random.getrandbits(32), False
-        self._hello_s, self._heard_s = 0.0, monotonic_s()
-        return True
+    def _begin_session(self, session: ContactSession, now_s: float) -> None:
+        """Use an open session; data are sent at once, before the ground reports its intervals."""
+        self._end_session()
+        self._session = session
+        session.receive(keys.contact(self._robot, "up"), lambda _, data: self._inbox.put(data))
+        self._epoch = random.getrandbits(32)
+        self._hello_s, self._heard_s = 0.0, now_s
+        self.outgoing.sender.begin(self._epoch)
 
     def _end_session(self) -> None:
         if self._session is not None:
-            self._session.close()
+            self._connector.discard(self._session)
             self._session = None
         self._is_welcome = False
 
-    def _send(self, window: ContactWindow, now_s: float) -> None:
-        self._round_trip_s = 2.0 * window.delay_s + 4.0 * ack_period_s(window)
-        if now_s - self._heard_s > _SILENCE_S + self._round_trip_s:
-            self._end_session()
-            return
-        if not self._is_welcome:
-            if now_s >= self._hello_s:
-                self._hello_s = now_s + _HELLO_S
-                self._greet()
-            return
-        self._send_results(now_s)
+    def _send(self, window: ContactWindow, now_s: float, is_silent: bool) -> None:
         sender = self.outgoing.sender
-        if now_s >= self._expire_s:
-            self._expire_s = now_s + _EXPIRE_S
-            sender.expire(now_s, 1.0 + self._round_trip_s)
+        if (is_silent or not self._is_welcome) and now_s >= self._hello_s:
+            self._hello_s = now_s + _HELLO_S
+            self._greet()
+        if is_silent:
+            return
+        if self._is_welcome:
+            self._send_results(now_s)
+            if now_s >= self._expire_s:
+                self._expire_s = now_s + _EXPIRE_S
+                sender.expire(now_s, 1.0 + self._round_trip_s)
         while self._pacer.is_free and not sender.is_limited(window.rate_bit_s, self._round_trip_s):
             packet = sender.next_packet(now_s)
             if packet is None:
@@ -187,7 +206,7 @@ class RobotEnd:
 
     def _keep_alive(self, now_s: float) -> None:
         """Greet the ground if there was nothing to send, so that both sides know that the link exists."""
-        if now_s - max(self._heard_s, self._hello_s) > _HELLO_S:
+        if now_s - max(self._heard_s, self._hello_s) > _IDLE_HELLO_S:
             self._hello_s = now_s
             self._greet()
 
@@ -215,7 +234,7 @@ class RobotEnd:
         match kind:
             case Kind.WELCOME if fields[0] == self._epoch and not self._is_welcome:
                 self._is_welcome = True
-                self.outgoing.sender.begin(self._epoch, fields[1])
+                self.outgoing.sender.resume(fields[1])
             case Kind.ACK if fields[0] == self._epoch:
                 _, low, high, missing, done, wanted = fields
                 self.outgoing.sender.acknowledge(low, high, missing)

@@ -11,12 +11,12 @@ from __future__ import annotations
 
 import heapq
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from dpm_store.exchange.ledger import Ranges
-from services.contact.packets import CHUNK_BYTES, FRAME_BYTES, Kind, missing_ranges, pack
+from services.contact.packets import CHUNK_BYTES, FRAME_BYTES, Kind, add_range, missing_ranges, pack
 
 #: Packets that must follow a missing one before it counts as lost.
 _REORDERED = 3
@@ -79,6 +79,8 @@ class Sender:
         self._in_flight: dict[int, _InFlight] = {}
         self._parts: dict[int, Ranges] = {}
         self._highest: dict[int, int] = {}  # end of the bytes of an item that were sent
+        # bytes that were sent in this session before the ground reported its intervals; then None
+        self._in_session: dict[int, Ranges] | None = None
         self.epoch, self._seq = 0, 0
         self.packets = self.bytes_sent = self.bytes_resent = 0
 
@@ -101,16 +103,44 @@ class Sender:
     def __len__(self) -> int:
         return len(self._priorities)
 
-    def begin(self, epoch: int, parts: Iterable[tuple[int, int, Ranges]]) -> None:
-        """Start a session in which the ground has parts of items: key, size, intervals of bytes."""
+    def begin(self, epoch: int) -> None:
+        """Start a session; until ``resume`` the bytes are sent that were not sent in an earlier one."""
         self.epoch, self._seq = epoch, 0
         self._in_flight.clear()
         self._lost.clear()
+        self._in_session = {}
+
+    def resume(self, parts: Iterable[tuple[int, int, Ranges]]) -> None:
+        """Send the missing bytes; the ground has parts of items, each a key, a size and intervals."""
+        sent, self._in_session = self._in_session or {}, None
         self._parts = {key: [(a, b) for a, b in ranges] for key, _, ranges in parts}
         for key, transfer in self._transfers.items():
             if transfer is not None:
-                self._transfers[key] = None
+                present = self._parts.pop(key, [])
+                for first, end in sent.get(key, []):
+                    add_range(present, first, end)
+                is_in_flight = key in sent
+                transfer.todo = missing_ranges(present, transfer.total)
+                if not transfer.todo and not is_in_flight:
+                    transfer.todo = [self._probe(transfer.total)]
                 heapq.heappush(self._queue, (self._priorities[key], key))
+
+    def progress(self) -> dict[int, int]:
+        """Return the end of the bytes that were sent, for the items of several packets, by key."""
+        return {
+            key: self._highest[key]
+            for key, transfer in self._transfers.items()
+            if transfer is not None and transfer.total > CHUNK_BYTES and key in self._highest
+        }
+
+    def expect(self, progress: Mapping[int, int]) -> None:
+        """Continue after the bytes that an earlier process sent, until the ground reports its intervals."""
+        self._parts = {key: [(0, end)] for key, end in progress.items()}
+
+    @property
+    def oldest_s(self) -> float:
+        """Time at which the oldest packet without an acknowledgement was sent; infinity if there is none."""
+        return next((entry.sent_s for entry in self._in_flight.values()), float("inf"))
 
     def next_packet(self, now_s: float) -> bytes | None:
         """Return the next packet; None if there is nothing to send."""
@@ -151,7 +181,8 @@ class Sender:
                 continue
             if not self._is_in_flight(key) and not any(chunk.key == key for chunk in self._lost):
                 transfer.changed_s = now_s
-                self._lost.append(_Chunk(key, 0, min(CHUNK_BYTES, transfer.total)))
+                first, end = self._probe(transfer.total)
+                self._lost.append(_Chunk(key, first, end - first))
 
     def is_limited(self, rate_bit_s: float, round_trip_s: float) -> bool:
         """Return whether more packets than fit in a round trip have no acknowledgement."""
@@ -190,12 +221,19 @@ class Sender:
                 self._on_void(key)
                 return None
             todo = missing_ranges(self._parts.pop(key, []), total)
-            if not todo:  # the ground has all bytes, and reports the item when it receives one of them
-                todo = [(0, min(CHUNK_BYTES, total))]
+            if not todo:
+                todo = [self._probe(total)]
             transfer = self._transfers[key] = _Transfer(priority, total, todo, now_s)
         return transfer
 
+    @staticmethod
+    def _probe(total: int) -> tuple[int, int]:
+        """Return an interval of an item whose bytes the ground has: it then reports the item."""
+        return (0, min(CHUNK_BYTES, total))
+
     def _count(self, chunk: _Chunk) -> None:
+        if self._in_session is not None:
+            add_range(self._in_session.setdefault(chunk.key, []), chunk.offset, chunk.offset + chunk.length)
         end, highest = chunk.offset + chunk.length, self._highest.get(chunk.key, 0)
         self.packets += 1
         self.bytes_sent += chunk.length

@@ -64,7 +64,8 @@ def test_a_packet_number_far_ahead_is_refused(ends: Ends) -> None:
 def test_an_acknowledgement_of_numbers_that_were_not_sent_has_no_effect() -> None:
     sender = Sender(lambda key, offset, length: b"x" * length, lambda key: 10, lambda key: None)
     sender.add(3, 1)
-    sender.begin(7, [])
+    sender.begin(7)
+    sender.resume([])
     assert sender.next_packet(0.0) is not None
     sender.acknowledge(0, 2**60, [(0, 2**60)])
     assert sender.next_packet(0.0) is not None  # the packet counts as lost and is sent again
