@@ -15,7 +15,7 @@ import json
 import logging
 import os
 from collections import OrderedDict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
 from typing import Any, TypeVar
@@ -276,4 +276,7 @@ def traced(key: str, parent: str, items: Iterator[T]) -> Iterator[T]:
         tracer.fail(recorded, error)
         raise
     finally:
+        if isinstance(items, Generator):  # it has resources if the caller has read only some of its items
+            with tracer.current_in(context):
+                items.close()
         recorded.end()

@@ -37,6 +37,7 @@ CREATE TABLE IF NOT EXISTS parts (robot TEXT, key INTEGER, total INTEGER NOT NUL
 CREATE TABLE IF NOT EXISTS requests (id TEXT PRIMARY KEY, robot TEXT NOT NULL, state TEXT NOT NULL,
     made_ns INTEGER NOT NULL, expires_ns INTEGER NOT NULL, body TEXT NOT NULL,
     result TEXT NOT NULL) WITHOUT ROWID;
+CREATE INDEX IF NOT EXISTS requests_state ON requests (state, robot, made_ns, id);
 CREATE TABLE IF NOT EXISTS changes (robot TEXT, ordinal INTEGER, product_id TEXT NOT NULL, kind TEXT NOT NULL,
     fields TEXT NOT NULL, PRIMARY KEY (robot, ordinal)) WITHOUT ROWID;
 CREATE TABLE IF NOT EXISTS owned (product_id TEXT, field TEXT, PRIMARY KEY (product_id, field)) WITHOUT ROWID;
@@ -89,7 +90,7 @@ class RequestRow(NamedTuple):
     Attributes
     ----------
     state : str
-        kept, accepted, answered, failed or expired.
+        kept, accepted, executed, answered, failed or expired.
     """
 
     id: str
@@ -282,12 +283,46 @@ class Ledger:
         values = (state, json.dumps(result), request_id)
         self._write("UPDATE requests SET state = ?, result = ? WHERE id = ?", [values])
 
-    def requests(self, *states: str) -> list[RequestRow]:
-        """Return the requests in some states, or all, the oldest first."""
+    def request(self, request_id: str) -> RequestRow | None:
+        """Return a request; None for an unknown id."""
+        return next(map(_request, self._read("SELECT * FROM requests WHERE id = ?", (request_id,))), None)
+
+    def requests(
+        self, *states: str, robot: str | None = None, expired_ns: int | None = None, limit: int = -1
+    ) -> list[RequestRow]:
+        """Return the requests in some states, or all, the oldest first.
+
+        Parameters
+        ----------
+        robot : str, optional
+            Only those for a robot.
+        expired_ns : int, optional
+            Only those that have expired at this time.
+        limit : int
+            Largest number of them; -1 for all.
+        """
+        conditions, values = ["TRUE"], list[object]()
+        if states:
+            conditions.append(f"state IN ({', '.join('?' * len(states))})")
+            values += states
+        for condition, value in (("robot = ?", robot), ("expires_ns <= ?", expired_ns)):
+            if value is not None:
+                conditions.append(condition)
+                values.append(value)
+        statement = f"SELECT * FROM requests WHERE {' AND '.join(conditions)} ORDER BY made_ns, id LIMIT ?"
+        return [_request(row) for row in self._read(statement, (*values, limit))]
+
+    def remove_ended_requests(self, before_ns: int, changes_before_ns: int, states: Sequence[str]) -> None:
+        """Remove the requests in other states than ``states`` that were made before a time.
+
+        Changes of annotations and deletions have a time of their own.
+        """
         marks = ", ".join("?" * len(states))
-        where = f"WHERE state IN ({marks})" if states else ""
-        rows = self._read(f"SELECT * FROM requests {where} ORDER BY made_ns, id", states)
-        return [RequestRow(*r)._replace(body=json.loads(r[5]), result=json.loads(r[6])) for r in rows]
+        self._write(
+            f"DELETE FROM requests WHERE state NOT IN ({marks}) AND made_ns < "
+            "CASE WHEN json_extract(body, '$.change') IS NULL THEN ? ELSE ? END",
+            [(*states, before_ns, changes_before_ns)],
+        )
 
     def _read(self, statement: str, values: Sequence[object] = ()) -> list[Any]:
         with self._lock:
@@ -299,3 +334,7 @@ class Ledger:
     def _write(self, statement: str, rows: Iterable[Sequence[object]]) -> int:
         with self.transaction():
             return self._database.executemany(statement, rows).rowcount
+
+
+def _request(row: Sequence[Any]) -> RequestRow:
+    return RequestRow(*row)._replace(body=json.loads(row[5]), result=json.loads(row[6]))

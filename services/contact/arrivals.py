@@ -146,7 +146,7 @@ class Arrivals:
             products = list(self._complete.values()) if monotonic_s() >= self._retry_s else []
         self._store_events(bundles)
         stored = self._store_products(products) if products else []
-        self._changes.apply(self._robot)
+        self._changes.apply(self._robot, self._is_here)
         with self._lock:
             if generation != self._generation:  # the keys belong to another store now
                 return []
@@ -178,6 +178,12 @@ class Arrivals:
         self._generation += 1
         for table in (self._records, self._new_records, self._payloads, self._complete, self._bundles):
             table.clear()
+
+    def _is_here(self, product_id: str) -> bool:
+        """Return whether a record of a product is here and waits for its payload or for the store."""
+        with self._lock:
+            complete = (product.record for product in self._complete.values())
+            return any(record.id == product_id for record in (*self._records.values(), *complete))
 
     def _add_record(self, ordinal: int, content: bytes) -> None:
         record = ReceivedRecord(content)

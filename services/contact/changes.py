@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import json
 import logging
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from typing import Any
 
 from cdff_common.errors import (
@@ -32,6 +32,8 @@ from services.dpm.operations.dpm import Dpm
 logger = logging.getLogger(__name__)
 
 KINDS = ("updated", "deleted")
+#: Name of the note with the ordinal of the oldest product that a robot has not sent.
+OLDEST = "oldest"
 #: Interface of the changes that the exchange makes, in the actors of the history.
 VIA = "contact"
 #: Events that are read at once, and products that one request deletes: their ids fit in a datagram.
@@ -47,12 +49,18 @@ def is_exchanged(event: Event) -> bool:
 
 
 def with_values(event: Event, store: Store) -> Event:
-    """Return a change with the values of the fields of the annotation that it changed."""
+    """Return a change with the values of the fields of the annotation that it changed.
+
+    If the revision is missing, the values are those of the newest one; without any the product is purged.
+    """
     if event.kind != "updated":
         return event
     body = event.body
     revisions = store.annotations.history(str(body["id"]))
-    values = next((a.to_dict() for a in revisions if a.revision == body["revision"]), {})
+    if not revisions:
+        logger.warning("change of product %s is not sent: its annotations were purged", body["id"])
+        return Event(event.ordinal, event.stamp_ns, event.scope, event.kind, {**body, "values": {}})
+    values = next((a for a in revisions if a.revision == body["revision"]), revisions[-1]).to_dict()
     changed = {name: values[name] for name in body["changed"] if name in values}
     return Event(event.ordinal, event.stamp_ns, event.scope, event.kind, {**body, "values": changed})
 
@@ -135,19 +143,25 @@ class GroundChanges:
                 rows.append(ChangeRow(e.ordinal, str(product_id), e.kind, values))
         self._ledger.add_changes(robot, rows)
 
-    def apply(self, robot: str) -> None:
+    def apply(self, robot: str, is_coming: Callable[[str], bool] = lambda _: False) -> None:
         """Apply the changes of a robot whose products are here; the others wait for their product.
 
-        Changes of products that were deleted here have no effect.
+        Changes of products that were deleted here have no effect, and those of products that the robot will
+        not send: it has sent all products that are older than the change, and ``is_coming`` is false.
         """
         rows = self._ledger.changes(robot)
         if not rows:
             return
         self.scan()
         live = self._store.live({row.product_id for row in rows})
+        oldest = self._ledger.note(f"{OLDEST}/{robot}", 0)
         for row in rows:
-            is_live = row.product_id in live
-            if self._apply_one(robot, row) if is_live else self._is_deleted(row.product_id):
+            if row.product_id in live:
+                has_ended = self._apply_one(robot, row)
+            else:
+                is_sent = row.ordinal < oldest and not is_coming(row.product_id)
+                has_ended = is_sent or self._is_deleted(row.product_id)
+            if has_ended:
                 self._ledger.remove_change(robot, row.ordinal)
 
     def _is_deleted(self, product_id: str) -> bool:

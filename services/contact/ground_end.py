@@ -19,7 +19,7 @@ from cdff_common.interfaces.contact_plan import ContactPlan
 from cdff_common.interfaces.profile import Exchange
 from dpm_store.exchange.ledger import AnnouncedRow, Ledger
 from services.contact.arrivals import Arrivals
-from services.contact.changes import GroundChanges
+from services.contact.changes import OLDEST, GroundChanges
 from services.contact.conditions import ExchangeAlarms
 from services.contact.estimate import Waiting, estimate
 from services.contact.packets import Item, Kind, pack, unpack
@@ -307,6 +307,8 @@ class GroundEnd:
                     self._alarms.compare_clock(robot, int(fields[3]), window.delay_s)
                 self._put(robot, state.receiver.welcome(epoch, store_id))
                 self._ledger.set_note(f"backlog/{robot}", backlog)
+                if len(fields) > 4:
+                    self._ledger.set_note(f"{OLDEST}/{robot}", int(fields[4]))
                 self._ledger.set_note(f"heard/{robot}", self._dpm.clock.now_ns())
             case Kind.DATA if monotonic_s() >= self._blocked_s and not state.arrivals.is_waiting:
                 state.receiver.receive(fields)

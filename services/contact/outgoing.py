@@ -114,6 +114,11 @@ class Outgoing:
             total[1] += row.size
         return totals
 
+    @property
+    def oldest(self) -> int:
+        """Ordinal of the oldest product to send; all older ones are at the ground, or will not be sent."""
+        return min(self._products, default=self._ledger.note("scanned", 0) + 1)
+
     def _note_progress(self) -> None:
         """Note how far large items were sent, in blocks and one block more, so that it is written rarely.
 

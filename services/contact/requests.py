@@ -19,10 +19,17 @@ from services.dpm.operations.dpm import Dpm
 
 #: Time until a request expires, by default and at most, seconds.
 DEFAULT_EXPIRY_S, MAX_EXPIRY_S = 86_400.0, 30 * 86_400.0
-#: Requests that are sent at once; the uplink of a robot is slow.
-_AT_ONCE = 10
+#: Requests that are sent at once, because the uplink of a robot is slow, and those among which they are chosen.
+_AT_ONCE, _CHOICE = 10, 100
+#: Time for which ended requests are kept, and changes of the ground, seconds; period of their removal.
+KEPT_S, KEPT_CHANGE_S, PRUNE_S = 60 * 86_400.0, 86_400.0, 600.0
 #: States of requests that are not answered.
 OPEN = ("kept", "accepted", "executed")
+
+
+def prune(ledger: Ledger, now_ns: int) -> None:
+    """Remove the requests that ended long ago; the other side has noted their end, or they have expired."""
+    ledger.remove_ended_requests(now_ns - int(KEPT_S * 1e9), now_ns - int(KEPT_CHANGE_S * 1e9), OPEN)
 
 
 class DeferredRequests:
@@ -30,6 +37,7 @@ class DeferredRequests:
 
     def __init__(self, dpm: Dpm, ledger: Ledger, plan: ContactPlan) -> None:
         self._dpm, self._ledger, self._plan = dpm, ledger, plan
+        self._prune_ns = 0
 
     def add(
         self,
@@ -68,10 +76,10 @@ class DeferredRequests:
 
     def get(self, request_id: str) -> dict[str, Any]:
         """Return a request; raises ProductNotFoundError for an unknown id."""
-        for row in self._ledger.requests():
-            if row.id == request_id:
-                return describe(row)
-        raise ProductNotFoundError(f"no request {request_id[:64]!r}")
+        row = self._ledger.request(request_id)
+        if row is None:
+            raise ProductNotFoundError(f"no request {request_id[:64]!r}")
+        return describe(row)
 
     def everything(self) -> list[dict[str, Any]]:
         """Return all requests, the oldest first."""
@@ -85,9 +93,7 @@ class DeferredRequests:
         """
         rows: list[RequestRow] = []
         fields = set()
-        for row in self._ledger.requests("kept"):
-            if row.robot != robot:
-                continue
+        for row in self._ledger.requests("kept", robot=robot, limit=_CHOICE):
             field = _changed_field(row.body)
             if field is None or field not in fields:
                 rows.append(row)
@@ -107,12 +113,15 @@ class DeferredRequests:
     def update(self) -> None:
         """End the requests whose product has arrived, and those whose time is over."""
         now_ns = self._dpm.clock.now_ns()
-        for row in self._ledger.requests(*OPEN):
+        for row in self._ledger.requests("executed"):
             product_id = (row.result or {}).get("id")
-            if row.state == "executed" and (not product_id or self._dpm.store.live([product_id])):
+            if not product_id or self._dpm.store.live([product_id]):
                 self._ledger.set_request(row.id, "answered", row.result)
-            elif now_ns >= row.expires_ns:
-                self._ledger.set_request(row.id, "expired", {"error": self._reason(row)})
+        for row in self._ledger.requests(*OPEN, expired_ns=now_ns):
+            self._ledger.set_request(row.id, "expired", {"error": self._reason(row)})
+        if now_ns >= self._prune_ns:
+            self._prune_ns = now_ns + int(PRUNE_S * 1e9)
+            prune(self._ledger, now_ns)
 
     def _reason(self, row: RequestRow) -> str:
         end = format_stamp(row.expires_ns)

@@ -24,6 +24,7 @@ from services.contact.connector import Connector
 from services.contact.outgoing import Outgoing
 from services.contact.pacing import Pacer
 from services.contact.packets import Kind, pack, unpack
+from services.contact.requests import PRUNE_S, prune
 from services.dpm.operations.dpm import Dpm
 
 logger = logging.getLogger(__name__)
@@ -76,6 +77,7 @@ class RobotEnd:
         self._window: ContactWindow | None = None
         self._epoch, self._is_welcome = 0, False
         self._heard_s = self._hello_s = self._scan_s = self._expire_s = self._result_s = 0.0
+        self._prune_s = 0.0
         self._round_trip_s, self._ack_s = 0.0, 0.1
         self._alarms = ExchangeAlarms(dpm.alarms, plan, dpm.clock)
         self._requests: queue.SimpleQueue[RequestRow | None] = queue.SimpleQueue()
@@ -161,9 +163,12 @@ class RobotEnd:
         return now_s - self._heard_s > limit_s
 
     def _scan(self) -> None:
-        """Add the new items; on a full disk they are added later."""
+        """Add the new items and remove old requests; on a full disk later."""
         try:
             self.outgoing.scan()
+            if self._scan_s > self._prune_s:
+                self._prune_s = self._scan_s + PRUNE_S
+                prune(self._ledger, self._dpm.clock.now_ns())
         except StorageError as error:
             self._alarms.storage_failed(self._robot, error)
             self._scan_s += _STORAGE_S
@@ -213,7 +218,8 @@ class RobotEnd:
     def _greet(self) -> None:
         backlog = [[k, *v] for k, v in sorted(self.outgoing.backlog().items())]
         now_ns = self._dpm.clock.now_ns()
-        self._put(pack(Kind.HELLO, self._epoch, self.outgoing.store_id, backlog, now_ns))
+        fields = (self._epoch, self.outgoing.store_id, backlog, now_ns, self.outgoing.oldest)
+        self._put(pack(Kind.HELLO, *fields))
 
     def _put(self, packet: bytes) -> None:
         assert self._session is not None
@@ -267,18 +273,12 @@ class RobotEnd:
             self._put(pack(Kind.RESULT, row.id, row.result))
 
     def _execute_one(self, row: RequestRow) -> None:
-        """Execute an accepted request, and note the answer as soon as the disk has space for it."""
-        left_s = (row.expires_ns - self._dpm.clock.now_ns()) / 1e9
-        try:
-            if left_s <= 0:
-                result: dict[str, Any] = {"error": "expired before the robot could execute it"}
-            else:
-                is_change = "change" in row.body
-                result = apply_on_robot(self._dpm, row.body) if is_change else self._execute(row.body, left_s)
-        except CdffError as error:
-            result = {"error": str(error)}
+        """Execute an accepted request, and note the answer; both are tried again while the disk is full."""
+        result: dict[str, Any] | None = None
         while not self._ended.is_set():
             try:
+                if result is None:
+                    result = self._result_of(row)
                 self._ledger.set_request(row.id, "executed", result)
             except StorageError as error:
                 self._alarms.storage_failed(self._robot, error)
@@ -286,6 +286,20 @@ class RobotEnd:
             else:
                 self._result_s = 0.0
                 return
+
+    def _result_of(self, row: RequestRow) -> dict[str, Any]:
+        """Return the answer of a request; raises StorageError if a change cannot be written now."""
+        left_s = (row.expires_ns - self._dpm.clock.now_ns()) / 1e9
+        if left_s <= 0:
+            return {"error": "expired before the robot could execute it"}
+        try:
+            if "change" not in row.body:
+                return self._execute(row.body, left_s)
+            return apply_on_robot(self._dpm, row.body)
+        except StorageError:
+            raise
+        except CdffError as error:
+            return {"error": str(error)}
 
 
 def ack_period_s(window: ContactWindow) -> float:

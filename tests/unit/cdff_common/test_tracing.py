@@ -120,6 +120,23 @@ def test_an_error_is_the_status_of_the_span(exporter: Any) -> None:
     assert root.status.description == "InputError: resolution_m=0: expected a positive number"
 
 
+def test_an_answer_that_is_not_read_to_its_end_is_closed_inside_its_span(exporter: Any) -> None:
+    contexts: list[str] = []
+
+    def answer() -> Iterator[str]:
+        try:
+            yield "a"
+            yield "b"
+        finally:
+            contexts.append(tracing.current())
+
+    replies = tracing.traced(ROOT_KEY, "", answer())
+    assert next(replies) == "a"
+    replies.close()  # type: ignore[attr-defined]
+    (span,) = exporter()
+    assert [context.split("-")[2] for context in contexts] == [f"{span.context.span_id:016x}"]
+
+
 def test_calls_without_a_parent_that_are_no_requests_are_not_traced(exporter: Any) -> None:
     assert list(tracing.traced("cdff/@v1/ground/dpm/@rpc/stat", "", iter("a"))) == ["a"]
     with tracing.span("step"):

@@ -11,14 +11,16 @@ from typing import Any
 
 import pytest
 
-from cdff_common.errors import CodecError, ConflictError
+from cdff_common.errors import CodecError, ConflictError, StorageError
 from cdff_common.interfaces.contact_plan import ContactPlan
 from cdff_dev.contact.generated_products import product
-from dpm_store.exchange.ledger import AnnouncedRow, ChangeRow, Ledger
+from dpm_store import Event
+from dpm_store.exchange.ledger import AnnouncedRow, ChangeRow, Ledger, RequestRow
 from dpm_store.history.events import Actor, acting
-from services.contact.changes import GroundChanges, apply_on_robot
+from services.contact import robot_end
+from services.contact.changes import OLDEST, GroundChanges, apply_on_robot, with_values
 from services.contact.ground_end import GroundEnd
-from services.contact.requests import DeferredRequests
+from services.contact.requests import DeferredRequests, prune
 from services.dpm.operations.dpm import Dpm
 from tests.unit.services.contact.test_exchange import CLOUD, MAP, Ends, ends, is_at_ground, wait_until, window
 
@@ -235,6 +237,95 @@ def test_a_change_of_a_product_that_was_deleted_at_the_ground_does_not_wait_for_
     ledger.add_changes("mana", rows)
     changes.apply("mana")
     assert ledger.changes("mana") == rows[1:]  # product 1 has not arrived
+
+
+def test_a_change_of_a_product_that_the_robot_will_not_send_is_removed(ends: Ends, ledger: Ledger) -> None:
+    changes = GroundChanges(ends.ground, ledger, ["mana"], requests_of(ends, ledger).add_change)
+    rows = [ChangeRow(5 + n, id_of(n), "updated", {"notes": "robot"}) for n in (0, 1, 2)]
+    ledger.add_changes("mana", rows)
+    changes.apply("mana")
+    assert ledger.changes("mana") == rows  # the robot has not reported its oldest product
+    ledger.set_note(f"{OLDEST}/mana", 7)
+    changes.apply("mana", lambda product_id: product_id == id_of(1))
+    assert ledger.changes("mana") == rows[1:]  # product 1 is on its way, and change 7 is not older
+
+
+@pytest.mark.slow
+def test_changes_of_a_product_that_was_deleted_before_the_contact_are_not_kept(ends: Ends) -> None:
+    ends.robot.store.put_all([product(1, n) for n in (0, 1)])
+    annotate(ends.robot, ROBOT, 0, notes="dust")
+    delete(ends.robot, ROBOT, 0)
+    with ExitStack() as exit_stack:
+        ground = contact(ends, exit_stack)
+        wait_until(lambda: is_at_ground(ends, 1) and ground._ledger.note(f"{OLDEST}/mana", 0) > 4)
+        wait_until(lambda: not ground._ledger.changes("mana"))
+    assert not is_at_ground(ends, 0)
+
+
+def test_a_change_whose_revision_is_missing_has_the_newest_values(ends: Ends) -> None:
+    ends.robot.store.put_all([product(1, 0)])
+    annotate(ends.robot, ROBOT, 0, notes="newest")
+    body = {"id": id_of(0), "changed": ["notes"], "revision": 7}
+    assert with_values(Event(1, 0, "mana", "updated", body), ends.robot.store).body["values"] == {
+        "notes": "newest"
+    }
+    body["id"] = id_of(1)  # purged, with its annotations
+    assert with_values(Event(1, 0, "mana", "updated", body), ends.robot.store).body["values"] == {}
+
+
+def test_a_change_is_applied_on_the_robot_as_soon_as_its_disk_has_space(
+    exchanged: Ends, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    writer, tries = exchanged.robot.writer, list[int]()
+    update = writer.update
+
+    def full(*arguments: Any) -> Any:
+        tries.append(len(tries))
+        if len(tries) < 3:
+            raise StorageError("no space left on the disk")
+        return update(*arguments)
+
+    monkeypatch.setattr(robot_end, "_STORAGE_S", 0.05)
+    monkeypatch.setattr(writer, "update", full)
+    annotate(exchanged.ground, OPERATOR, MAP, notes="of the ground")
+    with ExitStack() as exit_stack:
+        ground = contact(exchanged, exit_stack)
+        wait_until(lambda: {r["state"] for r in ground.requests.everything()} == {"answered"})
+    assert annotation(exchanged.robot, MAP)["notes"] == "of the ground"
+    assert len(tries) == 3
+
+
+DAY_NS = 86_400 * 10**9
+
+
+def test_requests_that_ended_long_ago_are_removed_and_open_ones_are_kept(ledger: Ledger) -> None:
+    now_ns = 1000 * DAY_NS
+
+    def add(name: str, state: str, days: int, **body: str) -> None:
+        row = RequestRow(name, "mana", state, now_ns - days * DAY_NS, now_ns, {"type": "dem"} | body, None)
+        assert ledger.add_request(row)
+
+    add("kept", "kept", 100)
+    add("old", "answered", 61)
+    add("new", "failed", 59)
+    add("change_old", "answered", 2, change="update")
+    add("change_new", "answered", 0, change="update")
+    add("change_kept", "kept", 2, change="update")
+    prune(ledger, now_ns)
+    assert {row.id for row in ledger.requests()} == {"kept", "new", "change_new", "change_kept"}
+
+
+def test_requests_are_read_by_state_robot_expiry_and_number(ledger: Ledger) -> None:
+    for n in range(6):
+        robot, state = ("mana", "minnie")[n % 2], ("kept", "accepted")[n // 4]
+        ledger.add_request(RequestRow(str(n), robot, state, n, 10 + n, {"type": "dem"}, None))
+    assert [row.id for row in ledger.requests("kept", robot="mana")] == ["0", "2"]
+    assert [row.id for row in ledger.requests("kept", robot="mana", limit=1)] == ["0"]
+    assert [row.id for row in ledger.requests("kept", "accepted", expired_ns=11)] == ["0", "1"]
+    found = ledger.request("4")
+    assert found is not None
+    assert (found.robot, found.body) == ("mana", {"type": "dem"})
+    assert ledger.request("6") is None
 
 
 def test_a_robot_with_another_store_has_no_changes_of_the_previous_one(ledger: Ledger) -> None:
