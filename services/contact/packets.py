@@ -3,8 +3,8 @@
 """Packets between a robot and the ground: MessagePack arrays whose first element is the kind.
 
 Down (from the robot): ``HELLO epoch store_id backlog now_ns oldest``, ``DATA epoch seq key total offset
-bytes``, ``TAKEN id``, ``RESULT id result``. Up: ``WELCOME epoch parts``, ``ACK epoch low high missing done wanted``,
-``REQUEST id body expires_ns``, ``NOTED id``, ``FIRST ids``.
+bytes``, ``TAKEN id``, ``RESULT id result``. Up: ``WELCOME epoch parts``,
+``ACK epoch low high missing done wanted``, ``REQUEST id body expires_ns``, ``NOTED id``, ``FIRST ids``.
 
 An *item* is a sequence of bytes with a key: the record of a product, the payload of a product, or a bundle of
 events. Its number is the ordinal of an event of the robot's store.

@@ -19,7 +19,7 @@ from services.dpm.operations.dpm import Dpm
 
 #: Time until a request expires, by default and at most, seconds.
 DEFAULT_EXPIRY_S, MAX_EXPIRY_S = 86_400.0, 30 * 86_400.0
-#: Requests that are sent at once, because the uplink of a robot is slow, and those among which they are chosen.
+#: Requests that are sent at once, because the uplink of a robot is slow, and those that are looked at.
 _AT_ONCE, _CHOICE = 10, 100
 #: Time for which ended requests are kept, and changes of the ground, seconds; period of their removal.
 KEPT_S, KEPT_CHANGE_S, PRUNE_S = 60 * 86_400.0, 86_400.0, 600.0
