@@ -7,9 +7,10 @@
 ``coefficients``: CPU time of router, DPM and orchestrator for a heartbeat, a stored pose, a stored
 megabyte, a search and a request, each by ``--calls`` calls to a system of ten robots, less the CPU time
 of the idle system. ``model``: CPU time and rates for 1, 10, 100 and 1 000 robots with the activity
-``ROBOT``, and the number of robots at which each process uses ``_USABLE`` of one core. ``check``: the
-same system with ``--robots`` stand-in robots (``benchmarks/_fleet.py``) that send what ``ROBOT``
-states, compared with the model; ``failures`` counts the requests, searches and insertions that failed.
+``ROBOT``, and the number of robots at which each process uses ``_USABLE`` of one core, or the disk is full
+after ``DISK_DAYS``. ``check``: the same system with ``--robots`` stand-in robots (``benchmarks/_fleet.py``)
+that send what ``ROBOT`` states, compared with the model; ``failures`` counts the requests, searches and
+insertions that failed.
 """
 
 from __future__ import annotations
@@ -52,6 +53,8 @@ PROCESSES = ("router", "dpm", "orchestrator")
 ROBOT = {"heartbeat": 7.0, "pose": 1.0, "megabyte": 0.02, "search": 0.02, "request": 0.1}
 #: Assumed prices of a core for an hour, and of a stored gigabyte for a month, in one currency.
 PRICE_CORE_H, PRICE_GB_MONTH = 0.04, 0.02
+#: Size of a disk, GB, and the time in which it may become full, days.
+DISK_GB, DISK_DAYS = 1000.0, 7.0
 #: Fraction of one core that a process in Python can use before its answers are late.
 _USABLE = 0.7
 _SIZES = (1, 10, 100, 1000)
@@ -230,7 +233,9 @@ def model(measured: dict[str, Any]) -> dict[str, Any]:
     for name in PROCESSES:
         each = predicted(measured, 1)[name] - measured["idle"][name]
         saturated[name] = round((_USABLE - measured["idle"][name]) / max(each, 1e-9))
-    return {"robots": rows, "saturated_at": saturated, "first": min(saturated, key=saturated.__getitem__)}
+    disk = round(DISK_GB / DISK_DAYS / (86.4 * ROBOT["megabyte"]))
+    limits = saturated | {f"disk of {DISK_GB:g} GB in {DISK_DAYS:g} days": disk}
+    return {"robots": rows, "robots_at_limit": limits, "first": min(limits, key=limits.__getitem__)}
 
 
 def check(measured: dict[str, Any], robots: int, seconds: float) -> dict[str, Any]:

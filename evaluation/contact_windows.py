@@ -32,7 +32,7 @@ _MEASUREMENTS, _WINDOW_S, _LIMIT_S = 20, 300.0, 30.0
 #: Products that keep the link full during the measurement of delays.
 _CYCLES = 15
 #: Runs with kills at the same time: most of their time they wait for the link.
-_AT_ONCE = 3
+_AT_ONCE = 4
 #: Duration of the window of ``long``, seconds, and cycles of products that fill it.
 _LONG_S, _LONG_CYCLES = 120.0, 27
 #: Windows of the parts with kills, seconds.

@@ -43,7 +43,7 @@ _STOP_S = 2.0
 _STORAGE_S = 2.0
 #: Time without a packet from the ground, in addition to the round trip, after which another session is
 #: opened; and the number of acknowledgements that are missing in a row while packets are in flight.
-_SILENCE_S, _SILENT_ACKS = 1.5, 4
+_SILENCE_S, _SILENT_ACKS = 1.5, 3
 
 
 class RobotEnd:
