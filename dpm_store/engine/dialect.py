@@ -68,6 +68,17 @@ class Dialect(Protocol):
         The statement is compiled once, so it must be a constant; ``values`` are those of its parameters.
         """
 
+    def fetch_ahead(self, connection: Connection, statements: Sequence[Select[Any]]) -> None:
+        """Run constant statements without parameters in one round trip, if the server is another process.
+
+        In this transaction the next ``fetch`` of each of them returns the rows that were read.
+        """
+
+    def fetch_together(
+        self, connection: Connection, calls: Sequence[tuple[Select[Any], Mapping[str, Any]]]
+    ) -> list[list[Any]]:
+        """Return the rows of several statements with their values; see ``fetch``. One round trip."""
+
     def elements(self, name: str, of: type = str) -> Select[Any]:
         """Return a select of the elements, of one type, of a list parameter with a ``list_value``."""
 

@@ -82,6 +82,8 @@ _OVERLAPPING = (
 _COPIED_ROWS = 20
 #: Interval between two checks of the time of a statement, and a time after which a caller may try again.
 _CHECK_S, _RETRY_S = 0.02, 30.0
+#: Key of the rows that were read ahead in the transaction of a connection.
+_AHEAD = "cdff_ahead"
 #: Tables whose ordinal is assigned by the database.
 _NUMBERED = ("frame_names", "frame_log", "poses", "events", "index_buckets")
 _DIALECT = psycopg_dialect()  # type: ignore[no-untyped-call]
@@ -140,10 +142,32 @@ def fetch(
     connection: Connection, statement: Select[Any], values: Mapping[str, Any] | None = None
 ) -> list[Any]:
     """Run a constant statement on the driver; see ``Dialect.fetch``."""
-    sql, defaults = _compiled(statement)
-    cursor = _driver(connection).execute(sql, {**defaults, **values} if values else defaults)
-    rows: list[Any] = cursor.fetchall()
+    if values is None and (known := connection.info.get(_AHEAD)) and statement in known:
+        ahead: list[Any] = known.pop(statement)
+        return ahead
+    rows: list[Any] = _execute(_driver(connection), statement, values).fetchall()
     return rows
+
+
+def fetch_ahead(connection: Connection, statements: Sequence[Select[Any]]) -> None:
+    """Run constant statements in one round trip; see ``Dialect.fetch_ahead``."""
+    rows = fetch_together(connection, [(statement, {}) for statement in statements])
+    connection.info[_AHEAD] = dict(zip(statements, rows, strict=True))
+
+
+def fetch_together(
+    connection: Connection, calls: Sequence[tuple[Select[Any], Mapping[str, Any]]]
+) -> list[list[Any]]:
+    """Return the rows of several statements with their values; see ``Dialect.fetch_together``."""
+    driver = _driver(connection)
+    with driver.pipeline():
+        cursors = [_execute(driver, statement, values) for statement, values in calls]
+    return [cursor.fetchall() for cursor in cursors]
+
+
+def _execute(driver: Any, statement: Select[Any], values: Mapping[str, Any] | None) -> Any:
+    sql, defaults = _compiled(statement)
+    return driver.execute(sql, {**defaults, **values} if values else defaults)
 
 
 @lru_cache(maxsize=512)
@@ -347,6 +371,7 @@ def _on_begin(connection: Connection) -> None:
     """Let a reader see one snapshot, and a writer everything that was committed before it got the lock; the
     commit of a writer is notified to all processes.
     """
+    connection.info.pop(_AHEAD, None)
     writes = connection.get_execution_options().get(WRITES, False)
     level = psycopg.IsolationLevel.READ_COMMITTED if writes else psycopg.IsolationLevel.REPEATABLE_READ
     driver = _driver(connection)

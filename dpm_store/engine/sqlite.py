@@ -162,6 +162,17 @@ def fetch(
     return _driver(connection).execute(sql, {**defaults, **values} if values else defaults).fetchall()
 
 
+def fetch_ahead(connection: Connection, statements: Sequence[Select[Any]]) -> None:
+    """Do nothing: a statement is executed in this process."""
+
+
+def fetch_together(
+    connection: Connection, calls: Sequence[tuple[Select[Any], Mapping[str, Any]]]
+) -> list[list[Any]]:
+    """Return the rows of several statements with their values; see ``Dialect.fetch_together``."""
+    return [fetch(connection, statement, values) for statement, values in calls]
+
+
 @lru_cache(maxsize=512)
 def _compiled(statement: Select[Any]) -> tuple[str, dict[str, Any]]:
     """Return the text of a statement and its parameters."""

@@ -230,7 +230,7 @@ class FrameTable:
     def state(self, *, connection: Connection | None = None) -> int:
         """Return the number of the newest revision of any frame, 0 if there is none."""
         with self._database.read(connection) as connection:
-            ((newest,),) = dialect_of(connection).fetch(connection, _NEWEST)
+            ((newest,),) = dialect_of(connection).fetch(connection, NEWEST)
             return newest or 0
 
     def tree(self, view: HistoryView = LATEST, *, connection: Connection | None = None) -> FrameTree:
@@ -290,7 +290,8 @@ def _check_bounds(frame: str, T: UncertainTransform) -> None:
         )
 
 
-_NEWEST = select(func.max(schema.frame_log.c.ordinal))
+#: State of the frame tree.
+NEWEST = select(func.max(schema.frame_log.c.ordinal))
 _LOG_COLUMNS = schema.frame_log.c
 _SELECT = select(schema.frames, _LOG_COLUMNS.ordinal.label("state")).join(
     schema.frame_log,

@@ -21,7 +21,8 @@ from dpm_store.search.outlines import corners_of
 #: Relative margin of search boxes: rounding must not exclude a product that the exact comparison would keep.
 _RELATIVE_MARGIN = 1e-6
 _n = schema.frame_names.c
-_FRAMES = select(_n.ordinal, _n.frame, _n.zmin_m, _n.zmax_m).order_by(_n.frame)
+#: Frames that hold products, with their heights.
+FRAMES = select(_n.ordinal, _n.frame, _n.zmin_m, _n.zmax_m).order_by(_n.frame)
 
 Box = tuple[float, ...]
 
@@ -74,7 +75,7 @@ def resolve_frames(
 ) -> tuple[dict[str, ResolvedFrame], tuple[str, ...]]:
     """Return the frames with products that are connected with ``frame``, by name, and the other names."""
     resolved, unplaced = {}, []
-    for ordinal, name, zmin_m, zmax_m in dialect_of(connection).fetch(connection, _FRAMES):
+    for ordinal, name, zmin_m, zmax_m in dialect_of(connection).fetch(connection, FRAMES):
         T = tree.find(frame, name)
         if T is None:
             unplaced.append(name)

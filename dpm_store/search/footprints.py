@@ -8,7 +8,7 @@ It is stored if the header has one, or if the decoded value covers clearly less 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from functools import cache
 from typing import Any
 
@@ -68,10 +68,18 @@ def ring_from(data: bytes) -> FloatArray:
 
 def rings_in(connection: Connection, ordinals: Iterable[int]) -> dict[int, FloatArray]:
     """Return the rings of products by ordinal, for those that have one."""
-    dialect = dialect_of(connection)
-    rows = dialect.fetch(
-        connection, _rings(connection.dialect.name), {"ordinals": dialect.list_value(list(ordinals))}
-    )
+    rows = dialect_of(connection).fetch(connection, *rings_statement(connection, ordinals))
+    return rings_of(rows)
+
+
+def rings_statement(connection: Connection, ordinals: Iterable[int]) -> tuple[Select[Any], dict[str, Any]]:
+    """Return the statement of ``rings_in`` and its values."""
+    listed = dialect_of(connection).list_value(list(ordinals))
+    return _rings(connection.dialect.name), {"ordinals": listed}
+
+
+def rings_of(rows: Iterable[Sequence[Any]]) -> dict[int, FloatArray]:
+    """Return the rings in the rows of ``rings_statement``, by ordinal."""
     return {ordinal: ring_from(ring) for ordinal, ring in rows}
 
 

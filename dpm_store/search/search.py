@@ -25,21 +25,22 @@ from cdff_common.clock import NS_PER_S, monotonic_s
 from cdff_common.contract.limits import LATEST_NS, MAX_PAGE
 from cdff_common.errors import InputError
 from cdff_common.geometry.region import Region
+from cdff_common.geometry.se3 import FloatArray
 from dpm_store.engine import schema
 from dpm_store.engine.database import Database
 from dpm_store.engine.dialect import IndexBox
 from dpm_store.engine.time_limit import time_left_s
-from dpm_store.frames.frames import FrameTable, FrameTree, HistoryView
+from dpm_store.frames.frames import NEWEST, FrameTable, FrameTree, HistoryView
 from dpm_store.frames.poses import PoseTable
-from dpm_store.frames.resolved_frames import ResolvedFrame, resolve_frames
+from dpm_store.frames.resolved_frames import FRAMES, ResolvedFrame, resolve_frames
 from dpm_store.products.insertion import epoch_ns
 from dpm_store.products.products import RECORD_COLUMNS, ProductTable, record_of
 from dpm_store.products.records import Cursor, Order, Page, ProductRecord, Query, read_cursor
 from dpm_store.search import outlines
 from dpm_store.search.conditions import conditions, constant_statement, few_within, ordering
-from dpm_store.search.footprints import rings_in
+from dpm_store.search.footprints import rings_in, rings_of, rings_statement
 from dpm_store.search.nearest import NearestSearch
-from dpm_store.search.slices import Slice, portions, slices
+from dpm_store.search.slices import ENDS, Slice, portions, slices
 from dpm_store.search.sorted_pages import sorted_page
 
 #: Columns that conditions and results of a search use.
@@ -84,6 +85,8 @@ class Search:
         """
         query = _with_state_of_cursor(query or Query())
         with self._database.read() as connection, self._limited(connection, query):
+            if query.region is not None:
+                self._dialect.fetch_ahead(connection, (NEWEST, FRAMES, _BUCKETS, ENDS))
             tree = self._frames.tree(_view(query), connection=connection)
             if query.region is not None and not query.region.is_resolved:
                 query = replace(query, region=self.resolved_region(query, connection=connection))
@@ -120,8 +123,8 @@ class Search:
             resolved, _ = resolve_frames(connection, tree, query.frame)
             boxes = [(frame.ordinal, box) for frame in resolved.values() for box in frame.boxes(query.region)]
             for candidates in self._slices(connection, query, boxes):
-                rows = self._rows_of(connection, query, candidates, _PLACED)
-                inside_flags = self.inside(connection, rows, query.region, resolved)
+                rows, rings = self._rows_of(connection, query, candidates, _PLACED)
+                inside_flags = self.inside(connection, rows, query.region, resolved, rings)
                 ordinals.update(
                     row[0] for row, inside in zip(rows, inside_flags.tolist(), strict=True) if inside
                 )
@@ -158,8 +161,8 @@ class Search:
         boxes = [(frame.ordinal, box) for frame in resolved.values() for box in frame.boxes(region)]
         records: list[ProductRecord] = []
         for candidates in self._slices(connection, query, boxes):
-            rows = self._rows_of(connection, query, candidates)
-            inside_flags = self.inside(connection, rows, region, resolved)
+            rows, rings = self._rows_of(connection, query, candidates)
+            inside_flags = self.inside(connection, rows, region, resolved, rings)
             records += [
                 ProductRecord._make(row[_RECORD])
                 for row, is_inside in zip(rows, inside_flags.tolist(), strict=True)
@@ -236,9 +239,16 @@ class Search:
 
     @staticmethod
     def inside(
-        connection: Connection, rows: Sequence[Any], region: Region, resolved: dict[str, ResolvedFrame]
+        connection: Connection,
+        rows: Sequence[Any],
+        region: Region,
+        resolved: dict[str, ResolvedFrame],
+        rings: dict[int, FloatArray] | None = None,
     ) -> NDArray[np.bool_]:
-        """Return which outlines touch the region; rows start with the ordinal and end with frame and box."""
+        """Return which outlines touch the region; rows start with the ordinal and end with frame and box.
+
+        ``rings`` are those of all rows that have one; they are read if they are not given.
+        """
         touching = np.zeros(len(rows), dtype=bool)
         uncertain = np.zeros(len(rows), dtype=bool)  # the box touches the edge of the region
         of_frame: dict[str, list[int]] = {}
@@ -248,7 +258,8 @@ class Search:
             boxes = np.array([rows[i][_BOX] for i in indices])
             touching[indices] = outlines.touches(region, boxes, resolved[name].matrix)
             uncertain[indices] = touching[indices] & ~outlines.contains(region, boxes, resolved[name].matrix)
-        rings = rings_in(connection, [rows[i][0] for i in np.flatnonzero(uncertain).tolist()])
+        if rings is None:
+            rings = rings_in(connection, [rows[i][0] for i in np.flatnonzero(uncertain).tolist()])
         if not rings:
             return touching
         for name, indices in of_frame.items():
@@ -265,14 +276,19 @@ class Search:
         query: Query,
         candidates: Slice,
         columns: tuple[str, ...] = _SELECTED,
-    ) -> Sequence[Any]:
-        """Return the candidates of a slice that match the query, in its order."""
+    ) -> tuple[Sequence[Any], dict[int, FloatArray] | None]:
+        """Return the candidates of a slice that match the query, in its order, and rings read with them."""
         ordinals = {"ordinals": self._dialect.list_value(candidates.ordinals)}
         constant = constant_statement(query, self._listed, columns)
         if constant is not None:
             statement, values = constant
             bounds = {"after_ns": candidates.after_ns, "until_ns": candidates.until_ns}
-            return self._dialect.fetch(connection, statement, values | ordinals | bounds)
+            call = (statement, values | ordinals | bounds)
+            if not self._dialect.is_shared:
+                return self._dialect.fetch(connection, *call), None
+            calls = (call, rings_statement(connection, candidates.ordinals))
+            found, rings = self._dialect.fetch_together(connection, calls)
+            return found, rings_of(rings)
         p = self._listed.c
         rows = select(*(p[name] for name in columns)).order_by(*ordering(query.order, p))
         rows = rows.where(
@@ -280,7 +296,7 @@ class Search:
             p.t1_ns > candidates.after_ns,
             p.t1_ns <= candidates.until_ns,
         )
-        return connection.execute(rows, ordinals).all()
+        return connection.execute(rows, ordinals).all(), None
 
     def _index_boxes(
         self, connection: Connection, query: Query, boxes: Sequence[tuple[int, Sequence[float]]]

@@ -4,7 +4,8 @@
 
 A page has some hundred products of a region that may have a million. A short slice at the query's end of time
 is read first. The number of its candidates determines the length of the next slice, so that the number of
-rows that are read depends on the page and not on the store.
+rows that are read depends on the page and not on the store. If the database is another process, the whole
+interval is tried first, because a round trip takes longer than the candidates that are read in vain.
 """
 
 from __future__ import annotations
@@ -29,7 +30,8 @@ _GROWTH = 16
 #: A slice with more than this many times the required candidates is shortened.
 _TOO_MANY = 8
 _t1 = schema.products.c.t1_ns
-_ENDS = select(select(func.min(_t1)).scalar_subquery(), select(func.max(_t1)).scalar_subquery())
+#: Earliest and latest end of capture of the store.
+ENDS = select(select(func.min(_t1)).scalar_subquery(), select(func.max(_t1)).scalar_subquery())
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +69,7 @@ def slices(
     count : int
         Approximate number of candidates per slice.
     """
-    ((low, high),) = dialect_of(connection).fetch(connection, _ENDS)
+    ((low, high),) = dialect_of(connection).fetch(connection, ENDS)
     newest_first = query.order is not Order.OLDEST
     if query.t0_ns is not None:
         low = max(low, query.t0_ns)
@@ -155,7 +157,7 @@ class _SliceReader:
                     yield self.at(until, upper)
                     upper = until
                 else:
-                    width //= _GROWTH
+                    width = self._shorter(width, end - low)
                 continue
             yield candidates
             until, width = candidates.after_ns, width * self._growth(candidates)
@@ -167,14 +169,18 @@ class _SliceReader:
         while after < high:
             candidates = self.at(after, min(high, after + width), limit := self._limit(width))
             if limit is not None and len(candidates.entries) > limit:
-                width //= _GROWTH
+                width = self._shorter(width, high - low)
                 continue
             yield candidates
             after, width = candidates.until_ns, width * self._growth(candidates)
 
+    def _first(self, low: int, high: int) -> int:
+        return max(1, (high - low) // (1 if self._dialect.is_shared else _FIRST))
+
     @staticmethod
-    def _first(low: int, high: int) -> int:
-        return max(1, (high - low) // _FIRST)
+    def _shorter(width: int, whole: int) -> int:
+        """Return the length of a slice after one with too many candidates."""
+        return width // (_FIRST if width >= whole else _GROWTH)
 
     def _limit(self, width: int) -> int | None:
         """Return the number of candidates above which a slice is shortened; None for a short slice."""
