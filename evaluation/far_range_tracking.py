@@ -4,12 +4,18 @@
 
 The scenes have seeds of their own, with terrain, rocks, sun, paths and distances. The truth of a place is the
 centre of the visible area with enclosed gaps filled. Ranges are measured by each source alone and by all.
+
+References
+----------
+.. [1] Bernardin, K., Stiefelhagen, R. (2008). Evaluating multiple object tracking performance: the CLEAR MOT
+   metrics. EURASIP Journal on Image and Video Processing. doi:10.1155/2008/246309
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -126,36 +132,31 @@ class _Pass:
         )
         return Sample("dem", _EPOCH_NS, 0, dem, frame="site")
 
-    def first_number(self, name: str) -> int | None:
-        """Return the number of the first track at the place of an object."""
-        for k, image in enumerate(self.images):
-            truth = image.objects[name]
-            if _is_shown(truth) and (track := self.matched(k, truth)) is not None:
-                return int(track.metadata.track_id)
-        return None
+    def tracks_of_objects(self, k: int, numbers: dict[str, int]) -> dict[str, Any]:
+        """Return the tracks of the objects in an image; each track belongs to one object at most [1]_.
 
-    def matched(
-        self, k: int, truth: TrueObject, number: int | None = None, others: frozenset[int] = frozenset()
-    ) -> Any | None:
-        """Return the track at the place of an object in an image.
-
-        The track with the object's number is preferred, then those without the numbers of ``others``: where
-        two objects overlap, the track of the other one is near, too.
+        An object keeps its track, given by its number, as long as that is at its place. The other objects
+        get the other tracks, confirmed and nearest ones first.
         """
-        near = []
-        for track in self.rows[k]:
-            pixel = track.data.pixels[0]
-            distance = float(np.linalg.norm(pixel - truth.place_px))
-            if np.isfinite(distance) and distance < max(3.0, 0.4 * float(truth.size_px.max())):
-                track_id = track.metadata.track_id
-                rank = (
-                    track_id != number,
-                    track_id in others,
-                    track.metadata.status is not _CONFIRMED,
-                    distance,
-                )
-                near.append((rank, track))
-        return min(near, key=lambda n: n[0])[1] if near else None
+        objects = self.images[k].objects
+        near = sorted(
+            (
+                track.metadata.track_id != numbers.get(name),
+                track.metadata.status is not _CONFIRMED,
+                distance,
+                name,
+                j,
+            )
+            for name, truth in objects.items()
+            for j, track in enumerate(self.rows[k])
+            if (distance := float(np.linalg.norm(track.data.pixels[0] - truth.place_px)))
+            < max(3.0, 0.4 * float(truth.size_px.max()))
+        )
+        rows: dict[str, int] = {}
+        for *_, name, j in near:
+            if name not in rows and j not in rows.values():
+                rows[name] = j
+        return {name: self.rows[k][j] for name, j in rows.items()}
 
 
 def _is_shown(truth: TrueObject) -> bool:
@@ -163,77 +164,76 @@ def _is_shown(truth: TrueObject) -> bool:
     return truth.visible >= 0.5 and bool((truth.size_px >= _LEAST_PX).all())
 
 
+@dataclass(slots=True)
+class _Followed:
+    """Progress of one object through the images of a scene."""
+
+    number: int | None = None
+    started_s: float | None = None
+    hidden_s: float = 0.0
+    was_hidden: bool = False
+    errors: list[FloatArray] = field(default_factory=list)
+
+
 def _summary(passes: list[_Pass]) -> dict[str, Any]:
     """Return the figures of the passes of one run."""
-    expected = followed = changes = false = objects = 0
+    expected = followed_images = changes = false = 0
     latency: list[float] = []
-    never = resumed = hidden_objects = 0
+    hidden_objects = 0
     about_mean, absolute, ranges, squares, places = [], [], [], [], []
+    objects = [_Followed() for p in passes for _ in p.images[0].objects]
+    remaining = iter(objects)
     for p in passes:
-        claimed: dict[int, str] = {}
-        matched_ids: set[int] = set()
-        numbers = {name: p.first_number(name) for name in p.images[0].objects}
-        for name in p.images[0].objects:
-            objects += 1
-            number: int | None = None
-            started: float | None = None
-            hidden_s = 0.0
-            was_hidden = False
-            errors: list[FloatArray] = []
-            for k, image in enumerate(p.images):
-                truth = image.objects[name]
-                if truth.is_moving and _is_shown(truth) and started is None:
-                    started = image.time_s
-                hidden_s = hidden_s + 0.5 if number is not None and truth.visible < 0.5 else 0.0
-                was_hidden = was_hidden or hidden_s >= 10.0
-                if not _is_shown(truth):
+        matched_numbers: set[int] = set()
+        of_scene = {name: next(remaining) for name in p.images[0].objects}
+        for k, image in enumerate(p.images):
+            numbers = {name: o.number for name, o in of_scene.items() if o.number is not None}
+            tracks = p.tracks_of_objects(k, numbers)
+            for name, o in of_scene.items():
+                truth, track = image.objects[name], tracks.get(name)
+                is_shown = _is_shown(truth)
+                if truth.is_moving and is_shown and o.started_s is None:
+                    o.started_s = image.time_s
+                o.hidden_s = o.hidden_s + 0.5 if o.number is not None and truth.visible < 0.5 else 0.0
+                o.was_hidden = o.was_hidden or o.hidden_s >= 10.0
+                if not is_shown:
                     continue
-                others = frozenset(n for other, n in numbers.items() if other != name and n is not None)
-                track = p.matched(k, truth, number, others)
-                if track is None and number is None:
-                    continue
-                if number is not None:
-                    expected += 1
+                expected += o.number is not None
                 if track is None:
                     continue
-                track_id = track.metadata.track_id
-                if number is None:
-                    number = numbers[name] = track_id
-                    latency.append(image.time_s - (started if started is not None else image.time_s))
+                number = int(track.metadata.track_id)
+                if o.number is None:
+                    o.number = number
+                    latency.append(image.time_s - (image.time_s if o.started_s is None else o.started_s))
                     continue
-                followed += track_id == number or claimed.get(track_id, name) == name
-                if track_id != number:
-                    changes += 1
-                    number = numbers[name] = track_id
-                claimed[track_id] = name
-                matched_ids.add(track_id)
-                data = track.data
+                followed_images += number == o.number
+                changes += number != o.number
+                o.number = number
+                matched_numbers.add(number)
                 if truth.visible > 0.98 and track.metadata.status is _CONFIRMED:
-                    errors.append(data.pixels[0] - truth.place_px)
+                    data = track.data
+                    o.errors.append(data.pixels[0] - truth.place_px)
                     if truth.size_px[1] >= _RANGE_PX and np.isfinite(data.bearings[0, 4]):
                         difference = float(data.bearings[0, 4]) - truth.range_m
                         ranges.append(difference / truth.range_m)
                         squares.append((difference / float(data.bearings[0, 5])) ** 2)
                     places.append(float(data.pixel_sigmas[0].mean()))
-            if number is None:
-                never += 1
-            if was_hidden and number is not None:
-                hidden_objects += 1
-                resumed += number in {t.metadata.track_id for rows in p.rows[-30:] for t in rows}
-            if len(errors) > 5:
-                error_array = np.array(errors)
-                absolute.append(error_array)
-                about_mean.append(error_array - error_array.mean(axis=0))
+        hidden_objects += sum(o.was_hidden for o in of_scene.values())
+        for o in of_scene.values():
+            if len(o.errors) > 5:
+                errors = np.array(o.errors)
+                absolute.append(errors)
+                about_mean.append(errors - errors.mean(axis=0))
         confirmed = {t.metadata.track_id for rows in p.rows for t in rows if t.metadata.status is _CONFIRMED}
-        false += len(confirmed - matched_ids)
+        false += len(confirmed - matched_numbers)
     summary: dict[str, Any] = {
-        "objects": objects,
-        "never_confirmed": never,
+        "objects": len(objects),
+        "never_confirmed": sum(o.number is None for o in objects),
         "confirmed_after_s": {
             "median": round(float(np.median(latency)), 1) if latency else None,
             "largest": round(float(np.max(latency)), 1) if latency else None,
         },
-        "continuity": round(followed / max(expected, 1), 4),
+        "continuity": round(followed_images / max(expected, 1), 4),
         "changes_of_number": changes,
         "hidden_for_10_s": hidden_objects,
         "false_tracks": false,

@@ -18,7 +18,6 @@ from cdff_core.bearing_tracking.motion import (
     states_at_rest,
 )
 from cdff_core.dfns.appearance_tracking.interface import AppearanceTrackingInputs, AppearanceTrackingOutputs
-from cdff_core.dfns.bearing_filtering.interface import BearingFilteringInputs
 from cdff_core.dfns.track_association.interface import TrackAssociationInputs
 from cdff_core.dfpcs.far_range_tracking.configuration import FarRangeTrackingConfig
 from cdff_core.dfpcs.far_range_tracking.continuation import (
@@ -27,8 +26,9 @@ from cdff_core.dfpcs.far_range_tracking.continuation import (
     motion_distance,
     moves_steadily,
 )
+from cdff_core.dfpcs.far_range_tracking.object_motion import ObjectMotion
 from cdff_core.dfpcs.far_range_tracking.observer import Observer
-from cdff_core.dfpcs.far_range_tracking.scene import Scene
+from cdff_core.dfpcs.far_range_tracking.scene import Scene, boxes_around
 from cdff_core.dfpcs.far_range_tracking.tracked_object import Appearance, TrackedObject
 
 #: Reach of the search for the appearance: standard deviations of the predicted position, and bounds, pixels.
@@ -41,6 +41,8 @@ _ALONE_PX = 6.0
 #: Standard deviation of the position of a region: from its varying shape, relative to the size of the object,
 #: and the constant part, pixels.
 _SHAPE_ERROR, _SHAPE_PX = 0.01, 0.15
+#: Standard deviation of the position of a partly hidden object from its edges, relative to its size.
+_EDGES_ERROR = 0.07
 #: Correlation of an object with the region of another one: never associated.
 _OTHER = -1.0
 #: Largest distance between the positions of region and appearance that agree, relative to the size.
@@ -83,8 +85,8 @@ class ObjectTracks:
         associate: Dfn[Any, Any, Any],
         config: FarRangeTrackingConfig,
     ) -> None:
-        self._filter, self._coast, self._match = filter_seen, coast, match
-        self._associate, self._config = associate, config
+        self._motion = ObjectMotion(filter_seen, coast)
+        self._match, self._associate, self._config = match, associate, config
         self.objects: list[TrackedObject] = []
         self._next_number = 1
         self._stamp_ns: int | None = None
@@ -123,9 +125,9 @@ class ObjectTracks:
         """Express all states in another frame, given the rotation (3, 3)."""
         R6 = np.kron(np.eye(2), R_new_old)  # of direction and rate
         for o in self.objects:
-            s = o.states
-            o.states = BearingStates(
-                s.directions @ R_new_old.T, s.rates @ R_new_old.T, R6 @ s.covariances @ R6.T
+            o.states, o.clear_states = (
+                BearingStates(s.directions @ R_new_old.T, s.rates @ R_new_old.T, R6 @ s.covariances @ R6.T)
+                for s in (o.states, o.clear_states)
             )
             o.start = R_new_old @ o.start
 
@@ -151,15 +153,7 @@ class ObjectTracks:
 
     def predicted(self, o: TrackedObject, stamp_ns: int) -> BearingStates:
         """Return the state of an object at a time after the last image."""
-        dfn = self._filter if o.misses == 0 else self._coast
-        interval = (stamp_ns - (self._stamp_ns or stamp_ns)) * 1e-9
-        s = o.states
-        prediction = dfn.process(
-            BearingFilteringInputs(
-                directions=s.directions, rates=s.rates, covariances=s.covariances, interval=interval
-            )
-        )
-        return BearingStates(prediction.directions, prediction.rates, prediction.covariances)
+        return self._motion.predicted(o, (stamp_ns - (self._stamp_ns or stamp_ns)) * 1e-9)
 
     def designate(self, box: FloatArray, label: str, scene: Scene) -> TrackedObject | None:
         """Track the object in a box (4,): first and last column, first and last row; None at the border."""
@@ -188,12 +182,8 @@ class ObjectTracks:
         if before is not None and before.position_m is not None and scene.observer.position_m is not None:
             moved_m = scene.observer.position_m - before.position_m
         for o in self.objects:
-            o.states = self.predicted(o, scene.stamp_ns)
             o.range.predict(scene.stamp_ns)
-            range_m, _ = o.range.value
-            if np.isfinite(range_m) and moved_m.any():
-                u = range_m * o.direction - moved_m
-                o.states = BearingStates((u / np.linalg.norm(u))[None], o.states.rates, o.states.covariances)
+            self._motion.predict(o, (scene.stamp_ns - self._stamp_ns) * 1e-9, moved_m)
 
     def _predicted_positions(self, scene: Scene) -> tuple[FloatArray, FloatArray]:
         """Return the expected image positions (m, 2) and their standard deviations (m,), pixels."""
@@ -280,11 +270,13 @@ class ObjectTracks:
             gap < 5.0 * np.sqrt(np.trace(covariances, axis1=1, axis2=2))[:, None] + sizes.max(axis=1)[:, None]
         )
         similar = np.full(near.shape, np.nan)
+        is_followed = self._followed_regions(matches, scene)
         for i, o in enumerate(objects):
             if near[i].sum() > 1 or near[:, near[i]].sum() > 1 or o.misses > 0:
                 for j in np.flatnonzero(near[i]):
-                    if o.misses > _MAX_MISSES and not o.is_similar_size(scene.sizes[j]):
-                        similar[i, j] = _OTHER  # a part of a hidden object is not at its centre
+                    if o.misses > _MAX_MISSES and (is_followed[j] or not o.is_similar_size(scene.sizes[j])):
+                        # That of an object in view, or a part of a hidden one, which is not at its centre.
+                        similar[i, j] = _OTHER
                         continue
                     match = self._compare(o, regions.centroids[j], 2.0 + 0.1 * float(sizes[i].max()), scene)
                     similar[i, j] = _OTHER if match is None else match.score
@@ -301,7 +293,23 @@ class ObjectTracks:
             )
         )
         region_rows[visible], is_ambiguous[visible] = association.chosen, association.is_ambiguous
+        # An object without a region may be a part of the region around it.
+        for i in map(int, visible):
+            if region_rows[i] < 0 and self.objects[i].misses == 0:
+                around = np.flatnonzero(boxes_around(regions.boxes, positions_px[i]))
+                if len(around) == 1 and around[0] not in region_rows:
+                    region_rows[i] = int(around[0])
         return region_rows, is_ambiguous
+
+    def _followed_regions(self, matches: list[AppearanceTrackingOutputs | None], scene: Scene) -> BoolArray:
+        """Return which regions (n,) contain the appearance of an object seen in the last image."""
+        assert scene.regions is not None  # the caller has checked it
+        boxes = scene.regions.boxes
+        result = np.zeros(len(boxes), bool)
+        for o, match in zip(self.objects, matches, strict=True):
+            if o.is_confirmed and o.misses == 0 and match is not None and o.is_in_full_view(match.score):
+                result |= boxes_around(boxes, match.place)
+        return result
 
     def _correct(
         self,
@@ -319,6 +327,7 @@ class ObjectTracks:
         good = match if match is not None and match.score > config.min_score else None
         regions = scene.regions
         z: tuple[FloatArray, FloatArray] | None = None
+        is_clear = False
         if o.is_designated and self._path_px(o, scene) < config.confirm_path_px:
             region = -1  # a landmark at rest is no moving region: one near it is an error of the registration
         if region >= 0 and regions is not None:
@@ -329,8 +338,14 @@ class ObjectTracks:
             by_region = (centroid, regions.covariances[region] + np.diag(shape))
             o.unlike = 0 if whole else o.unlike + 1
             o.is_full_height, o.box = o.is_similar_height(float(size[1])), regions.boxes[region]
+            is_full_view = good is not None and o.is_in_full_view(good.score)
+            is_clear = whole or is_full_view
+            if is_full_view:
+                o.resize(size, is_clear=True)
             if whole or o.unlike >= _NEW_SIZE or not o.is_confirmed:
                 z, middle = by_region, None
+                if not whole and o.is_confirmed:
+                    o.allow_move(float(np.linalg.norm(centroid - position_px)) / scene.camera.fx)
                 agree = max(_AGREE * float(o.size_px.max()), 1.0)
                 if good is not None and np.linalg.norm(good.place - centroid) < agree:
                     offset = np.zeros(2) if o.appearance is None else o.appearance.offset
@@ -338,30 +353,38 @@ class ObjectTracks:
                     z = o.anchored(good.place, good.covariance, *by_region)
                 o.region, o.is_whole = region, whole
                 o.learn_centre(centroid)
-                o.resize(size)
+                if not is_full_view:
+                    o.resize(size)
+                if good is not None:
+                    o.learn_score(good.score)
                 if not is_ambiguous:
                     mask = regions.labels == region + 1
                     appearance = Appearance.cut(scene.image, mask, o.box, z[0])
                     o.adopt(appearance, middle, z[0])
                 o.unlike = 0
+            elif is_full_view and good is not None:
+                # With dust or a shadow, or without its darkest part: the appearance gives the position.
+                z = (good.place, good.covariance + o.anchor_variance * np.eye(2))
+                o.region = region
             elif (visible := o.by_edges(o.box, position_px)) is not None:
                 # Partly hidden: the edges in view give the position.
-                z = (visible, regions.covariances[region] + (0.03 * o.size_px.max()) ** 2 * np.eye(2))
+                z = (visible, regions.covariances[region] + (_EDGES_ERROR * o.size_px.max()) ** 2 * np.eye(2))
                 o.region = region
             elif good is not None:
                 # Merged with another region: the appearance gives the position.
                 z = (good.place, good.covariance + (0.05 * o.size_px.max()) ** 2 * np.eye(2))
                 o.region = region
         elif match is not None and self._is_distinct(o, match) and not self._is_taken(o, match.place):
-            z = (match.place, match.covariance + (0.05 * o.size_px.max()) ** 2 * np.eye(2))
+            z, is_clear = (match.place, match.covariance + (0.05 * o.size_px.max()) ** 2 * np.eye(2)), True
             if o.is_designated and o.appearance is not None:
                 o.resize(o.appearance.size_px * match.scale)
-        if z is None:
+        if z is None or not self._update(o, *z, scene):
             self._miss(o)
             return
-        if not self._update(o, *z, scene):
-            self._miss(o)
-            return
+        if not o.is_confirmed:
+            o.clear_states = o.states
+        elif is_clear:
+            self._motion.correct_clear(o, *z, scene)
         o.score = 0.8 if good is None else good.score
         o.hits, o.misses, o.seen_ns = o.hits + 1, 0, scene.stamp_ns
         o.has_departed = o.has_departed or self._path_px(o, scene) > float(o.size_px.max())
@@ -369,6 +392,9 @@ class ObjectTracks:
 
     @staticmethod
     def _miss(o: TrackedObject) -> None:
+        if o.misses == 0:
+            # The positions of the partly hidden object are biased towards its visible part.
+            o.states = o.clear_states
         o.misses += 1
         o.score *= 0.9
         o.region, o.is_whole = -1, False
@@ -387,33 +413,17 @@ class ObjectTracks:
 
     def _is_taken(self, o: TrackedObject, position_px: FloatArray) -> bool:
         """Return whether an image position is in the region of another object."""
-        return any(
-            other is not o
-            and np.isfinite(other.box).all()
-            and other.box[0] <= position_px[0] <= other.box[1]
-            and other.box[2] <= position_px[1] <= other.box[3]
-            for other in self.confirmed
-        )
+        boxes = np.array([other.box for other in self.confirmed if other is not o]).reshape(-1, 4)
+        return bool(boxes_around(boxes, position_px).any())
 
     def _update(self, o: TrackedObject, pixel: FloatArray, covariance: FloatArray, scene: Scene) -> bool:
         """Correct the state with an image position; return False, without a correction, if it contradicts
         the motion of a coasting object.
         """
-        attitude = scene.observer.attitude
-        direction = attitude.directions(scene.camera, pixel[None])
-        filtered = self._filter.process(
-            BearingFilteringInputs(
-                directions=o.states.directions,
-                rates=o.states.rates,
-                covariances=o.states.covariances,
-                interval=0.0,
-                measured=direction,
-                measured_covariances=attitude.covariances(scene.camera, covariance[None], direction),
-            )
-        )
-        if o.misses > _MAX_MISSES and float(filtered.nis[0]) > _CONTRADICTS:
+        states, nis = self._motion.corrected(o, pixel, covariance, scene)
+        if o.misses > _MAX_MISSES and nis > _CONTRADICTS:
             return False
-        o.states = BearingStates(filtered.directions, filtered.rates, filtered.covariances)
+        o.states = states
         o.pixel, o.pixel_covariance = pixel, covariance
         return True
 
@@ -446,13 +456,14 @@ class ObjectTracks:
                 continue
             if regions.sharpness[j] < _SHARP:
                 continue
-            if any(_overlaps(o, box) for o in self.objects):
+            if any(o.is_next_to(box) for o in self.objects):
                 continue
             shape = (_SHAPE_ERROR * size) ** 2 + _SHAPE_PX**2
             covariance = regions.covariances[j] + np.diag(shape)
             appearance = Appearance.cut(scene.image, regions.labels == j + 1, box, position_px)
             o = self._new(position_px, covariance, size, appearance, scene)
-            o.pixel, o.pixel_covariance, o.box, o.region = position_px, covariance, box, j
+            o.pixel, o.pixel_covariance, o.region = position_px, covariance, j
+            o.box = o.first_box = box
             self.objects.append(o)
 
     def _confirm(self, scene: Scene) -> None:
@@ -487,7 +498,8 @@ class ObjectTracks:
         old = coasting_predecessor(new, self.confirmed, scene, self._similarity, is_early=True)
         if old is None:
             return
-        position_px = scene.observer.attitude.pixels(scene.camera, old.states.directions)[0]
+        predicted_px = scene.observer.attitude.pixels(scene.camera, old.states.directions)[0]
+        position_px = new.whole_middle(old.size_px, predicted_px)
         match = self._compare(old, new.pixel, 3.0, scene)
         self._correct(old, position_px, match, new.region, True, scene)
         if old.misses == 0:
@@ -577,12 +589,3 @@ class ObjectTracks:
                 remaining.append(o)
         self.objects = remaining
         return lost
-
-
-def _overlaps(o: TrackedObject, box: FloatArray) -> bool:
-    """Return whether an object seen in this image is in, or next to, a box."""
-    if not np.isfinite(o.pixel).all():
-        return False
-    half = 0.5 * o.size_px + 2.0
-    low, high = o.pixel - half, o.pixel + half
-    return bool(box[0] < high[0] and box[1] > low[0] and box[2] < high[1] and box[3] > low[1])

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cdff_common.arrays import FloatArray
+from cdff_common.arrays import BoolArray, FloatArray
 from cdff_common.camera import CameraModel
 from cdff_core.dfns.moving_region_detection.interface import MovingRegionDetectionOutputs
 from cdff_core.dfns.scene_registration.interface import SceneRegistrationOutputs
@@ -67,3 +67,13 @@ class Scene:
             return np.zeros((0, 2))
         b = self.regions.boxes
         return np.maximum(np.column_stack([b[:, 1] - b[:, 0], b[:, 3] - b[:, 2]]), 1.0)
+
+
+def boxes_around(boxes: FloatArray, position_px: FloatArray) -> BoolArray:
+    """Return which boxes (n, 4), of first and last column and row, contain an image position (2,).
+
+    A box or a position that is NaN contains nothing.
+    """
+    u, v = position_px
+    is_around = (boxes[:, 0] <= u) & (u <= boxes[:, 1]) & (boxes[:, 2] <= v) & (v <= boxes[:, 3])
+    return np.asarray(is_around, bool)

@@ -18,9 +18,15 @@ from cdff_core.dfpcs.far_range_tracking.range_filter import RangeFilter
 _EDGE_PX = 2
 #: Gains of the running means: of the size if the new size is larger or smaller, and of the appearance.
 _GROWTH_GAIN, _SHRINK_GAIN, _APPEARANCE_GAIN = 0.15, 0.07, 0.2
+#: Gains of the size while the appearance shows that no part is hidden: dust and shadows only enlarge it.
+_CLEAR_GROWTH_GAIN, _CLEAR_SHRINK_GAIN = 0.05, 0.2
 #: Standard deviations of the offset between the position of the appearance and that of the object: growth
-#: from image to image, and value after the appearance has been replaced, pixels.
-_ANCHOR_DRIFT_PX, _ANCHOR_NEW_PX = 0.03, 0.5
+#: from image to image, value after the appearance has been replaced, and value without an estimate, pixels.
+_ANCHOR_DRIFT_PX, _ANCHOR_NEW_PX, _ANCHOR_UNKNOWN_PX = 0.03, 0.5, 5.0
+#: Correlation relative to the usual one above which no part of the object is hidden.
+_FULL_VIEW = 0.9
+#: Difference between the motions of two edges from which one of them is that of an occluder, pixels.
+_EDGE_MOVED_PX = 2.0
 #: Change of scale from which the stored appearance is replaced.
 _NEW_SCALE = 1.15
 
@@ -88,8 +94,8 @@ class TrackedObject:
     ----------
     number : int
         0 until the object is confirmed.
-    states : BearingStates
-        One state.
+    states, clear_states : BearingStates
+        State from all images, and from those in which no part of the object was hidden; one object each.
     size_px : ndarray (2,)
         Width and height.
     start : ndarray (3,)
@@ -98,6 +104,8 @@ class TrackedObject:
         Path relative to the scene that the parallax of an object at rest can explain.
     pixel, pixel_covariance : ndarray (2,), (2, 2)
         In the last image; NaN without a measurement.
+    box, first_box : ndarray (4,)
+        First and last column and row in the last image, and in the first one; NaN without a region.
     region : int
         Region of the last image; -1 for none.
     is_whole, is_full_height : bool
@@ -108,6 +116,8 @@ class TrackedObject:
         Direction at the last test for rest.
     has_departed : bool
         True if it has moved by more than its size since the start.
+    usual_score : float
+        Mean correlation of the appearance in the images of the whole object.
     """
 
     number: int
@@ -122,13 +132,15 @@ class TrackedObject:
     hits: int = 1
     misses: int = 0
     unlike: int = 0
-    anchor_variance: float = 25.0
+    usual_score: float = 0.8
+    anchor_variance: float = _ANCHOR_UNKNOWN_PX**2
     centre: FloatArray = field(default_factory=lambda: np.zeros(2))
     parallax_rad: float = 0.0
     score: float = 1.0
     pixel: FloatArray = field(default_factory=lambda: np.full(2, np.nan))
     pixel_covariance: FloatArray = field(default_factory=lambda: np.full((2, 2), np.nan))
     box: FloatArray = field(default_factory=lambda: np.full(4, np.nan))
+    first_box: FloatArray = field(default_factory=lambda: np.full(4, np.nan))
     region: int = -1
     is_whole: bool = False
     is_full_height: bool = False
@@ -138,6 +150,11 @@ class TrackedObject:
     range_reasons: tuple[str, ...] = ()
     range_inputs: tuple[str, ...] = ()
     status: ObjectTrackStatusT = ObjectTrackStatusT.TRACK_TENTATIVE
+    clear_states: BearingStates = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Start both states with the same one."""
+        self.clear_states = self.states
 
     @property
     def is_confirmed(self) -> bool:
@@ -148,6 +165,13 @@ class TrackedObject:
     def direction(self) -> FloatArray:
         """Unit vector (3,)."""
         return np.asarray(self.states.directions[0])
+
+    def allow_move(self, distance_rad: float) -> None:
+        """Add a standard deviation to the direction: another point of the object will give its position."""
+        covariances = self.states.covariances.copy()
+        covariances[:, :3, :3] += distance_rad**2 * np.eye(3)
+        self.states = BearingStates(self.states.directions, self.states.rates, covariances)
+        self.anchor_variance = _ANCHOR_UNKNOWN_PX**2
 
     def adopt(
         self, appearance: Appearance | None, middle: FloatArray | None, position_px: FloatArray
@@ -195,21 +219,58 @@ class TrackedObject:
             self.appearance = Appearance(a.template, a.weights, a.offset + shift, a.size_px)
         return match_px + shift, match_covariance + self.anchor_variance * np.eye(2)
 
-    def resize(self, size_px: FloatArray) -> None:
-        """Move the stored size towards a new one; it decreases slowly, as a hidden part makes it smaller."""
+    def resize(self, size_px: FloatArray, *, is_clear: bool = False) -> None:
+        """Move the stored size towards a new one.
+
+        It decreases slowly, as a hidden part makes it smaller, unless the object ``is_clear``, in full view:
+        then it grows slowly, as dust and shadows make it larger.
+        """
         ratio = np.log(np.maximum(size_px, 1.0) / self.size_px)
-        gain = np.maximum(np.where(ratio > 0.0, _GROWTH_GAIN, _SHRINK_GAIN), 1.0 / (1.0 + self.hits))
+        gains = (_CLEAR_GROWTH_GAIN, _CLEAR_SHRINK_GAIN) if is_clear else (_GROWTH_GAIN, _SHRINK_GAIN)
+        gain = np.maximum(np.where(ratio > 0.0, *gains), 1.0 / (1.0 + self.hits))
         self.size_px = self.size_px * np.exp(gain * ratio)
+
+    def is_next_to(self, box: FloatArray) -> bool:
+        """Return whether the object, if it is seen in the last image, is in, or next to, a box (4,)."""
+        if not np.isfinite(self.pixel).all():
+            return False
+        half = 0.5 * self.size_px + 2.0
+        low, high = self.pixel - half, self.pixel + half
+        return bool(box[0] < high[0] and box[1] > low[0] and box[2] < high[1] and box[3] > low[1])
 
     def is_similar_height(self, height_px: float) -> bool:
         """Return whether a height is that of the whole object, within 8 % and about half a pixel."""
         change = abs(float(np.log(max(height_px, 0.5) / self.size_px[1])))
         return change < 0.08 + 0.6 / float(self.size_px[1])
 
+    def is_in_full_view(self, score: float) -> bool:
+        """Return whether a correlation of the appearance is that of the object without a hidden part."""
+        return score > _FULL_VIEW * self.usual_score
+
+    def learn_score(self, score: float) -> None:
+        """Update the usual correlation with that of an image of the whole object."""
+        self.usual_score += 0.2 * (score - self.usual_score)
+
     def learn_centre(self, centroid: FloatArray) -> None:
         """Update the mean offset of the centroid from the middle of the box, relative to the size."""
         middle = np.array([self.box[0] + self.box[1], self.box[2] + self.box[3]]) / 2.0
         self.centre += 0.1 * ((centroid - middle) / self.size_px - self.centre)
+
+    def whole_middle(self, size_px: FloatArray, expected: FloatArray) -> FloatArray:
+        """Return the middle (2,) of the whole object, of which this one is the part that comes into view.
+
+        Of two opposite edges, the one that has moved less since the first image is that of the occluder; the
+        whole object, with a size (2,), extends from the other one. Axes without a difference have the
+        ``expected`` value.
+        """
+        result = np.array(expected, float)
+        for axis, (low, high) in enumerate(((0, 1), (2, 3))):
+            low_moved, high_moved = np.abs(self.box[[low, high]] - self.first_box[[low, high]])
+            if high_moved > low_moved + _EDGE_MOVED_PX:
+                result[axis] = self.box[high] - 0.5 * size_px[axis]
+            elif low_moved > high_moved + _EDGE_MOVED_PX:
+                result[axis] = self.box[low] + 0.5 * size_px[axis]
+        return result
 
     def by_edges(self, box: FloatArray, expected: FloatArray) -> FloatArray | None:
         """Return the image position (2,) of the object from the edges of a region smaller than the object.

@@ -28,13 +28,13 @@ BOX = np.array([60.0, 80.0, 50.0, 64.0])
 CONFIG = FarRangeTrackingConfig()
 
 
-def scene(k: int) -> Scene:
+def scene(k: int, box: np.ndarray = BOX) -> Scene:
     """Return an image with one region, from a camera at rest."""
     labels = np.zeros((120, 160), np.int32)
-    labels[50:65, 60:81] = 1
+    labels[int(box[2]) : int(box[3]) + 1, int(box[0]) : int(box[1]) + 1] = 1
     regions = MovingRegionDetectionOutputs(
-        boxes=BOX[None],
-        centroids=CENTROID[None],
+        boxes=box[None],
+        centroids=np.array([[0.5 * (box[0] + box[1]), 0.5 * (box[2] + box[3])]]),
         covariances=0.04 * np.eye(2)[None],
         areas=np.array([280.0]),
         significances=np.array([20.0]),
@@ -62,8 +62,11 @@ def first_region(inputs: TrackAssociationInputs) -> TrackAssociationOutputs:
     )
 
 
-def tracked(place_px: np.ndarray, score: float) -> Any:
-    """Return the object of a region after a second image, in which its appearance is matched at a place."""
+def tracked(place_px: np.ndarray, score: float, last_box: np.ndarray | None = None) -> Any:
+    """Return the object of a region after a second image, in which its appearance is matched at a place.
+
+    With ``last_box``, the object is confirmed, and a third image shows a region with this box.
+    """
     match = AppearanceTrackingOutputs(
         place=place_px, covariance=0.01 * np.eye(2), scale=1.0, score=score, second=0.0
     )
@@ -75,6 +78,9 @@ def tracked(place_px: np.ndarray, score: float) -> Any:
     tracks.step(scene(2))
     assert o.region == 0
     assert o.is_whole
+    if last_box is not None:
+        o.number = 1
+        tracks.step(scene(3, last_box))
     return o
 
 
@@ -96,3 +102,40 @@ def test_otherwise_the_region_gives_the_position(offset_px: float, score: float)
     np.testing.assert_allclose(o.pixel, CENTROID, atol=1e-9)
     # That of the region, and its varying shape.
     np.testing.assert_allclose(np.diag(o.pixel_covariance), 0.04 + 0.15**2 + np.array([0.2, 0.14]) ** 2)
+
+
+def test_the_appearance_gives_the_position_of_an_object_whose_region_includes_dust() -> None:
+    place_px = CENTROID + np.array([1.0, 0.5])
+    o = tracked(place_px, 0.9, last_box=BOX + np.array([0.0, 12.0, 0.0, 0.0]))
+    assert not o.is_whole
+    np.testing.assert_allclose(o.pixel, place_px, atol=0.2)  # the middle of the region is 5 px away
+    assert o.region == 0
+
+
+def test_a_hidden_side_moves_the_position_of_a_poorly_correlated_object_away_from_the_visible_side() -> None:
+    # The right half is hidden: the left edge and the known size give the middle.
+    o = tracked(np.full(2, np.nan), 0.0, last_box=BOX - np.array([0.0, 10.0, 0.0, 0.0]))
+    assert o.pixel[0] == pytest.approx(70.0, abs=0.5)
+    assert np.sqrt(o.pixel_covariance[0, 0]) > 1.0
+
+
+def test_a_clear_object_shrinks_fast_and_grows_slowly_and_a_hidden_one_the_other_way_round() -> None:
+    changes = {}
+    for is_clear in (True, False):
+        for factor in (0.8, 1.25):
+            o = tracked(CENTROID, 0.9)
+            o.hits = 100
+            before = o.size_px.copy()
+            o.resize(factor * before, is_clear=is_clear)
+            changes[is_clear, factor] = float(np.abs(np.log(o.size_px / before)).mean())
+    assert changes[True, 0.8] > 2.0 * changes[True, 1.25]
+    assert changes[False, 1.25] > 2.0 * changes[False, 0.8]
+
+
+def test_a_body_that_comes_into_view_extends_from_its_moving_edge() -> None:
+    o = tracked(CENTROID, 0.9)
+    o.first_box, o.box = np.array([160.0, 163.0, 50.0, 64.0]), np.array([160.0, 172.0, 50.0, 64.0])
+    middle = o.whole_middle(np.array([20.0, 14.0]), np.array([190.0, 58.0]))
+    np.testing.assert_allclose(middle, [162.0, 58.0])
+    o.first_box, o.box = np.array([90.0, 100.0, 50.0, 64.0]), np.array([84.0, 100.0, 50.0, 64.0])
+    assert o.whole_middle(np.array([20.0, 14.0]), np.array([190.0, 58.0]))[0] == pytest.approx(94.0)
