@@ -48,6 +48,10 @@ def test_users_share_the_finest_cells_and_the_largest_range_until_they_leave() -
     assert union([CELL, RANGE], leases.settings(DEM)) == {}
 
 
+def test_of_a_parameter_that_is_no_longer_adjustable_the_smallest_value_holds() -> None:
+    assert union([CELL], [{"memory": 3.0}, {"memory": 2.0}]) == {"memory": 2.0}
+
+
 def test_an_implementation_serves_all_users_or_those_of_the_highest_priority() -> None:
     leases = Leases()
     leases.acquire("any", [DEM], {}, implementations={DEM: ("Fast", "Accurate")})

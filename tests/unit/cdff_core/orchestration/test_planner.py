@@ -277,7 +277,10 @@ def test_a_plan_within_the_power_and_heat_of_the_robot_selects_modes_and_states_
         replace(world(dem, lidar), free={"mana": {"power_w": power_w}}) for power_w in (10.0, 5.0, 2.5)
     )
     assert modes_of(plan(roomy, "dem", ["mana"])) == {LIDAR: "fast"}
-    assert modes_of(plan(tight, "dem", ["mana"])) == {LIDAR: "slow"}
+    slow = plan(tight, "dem", ["mana"])
+    assert modes_of(slow) == {LIDAR: "slow"}
+    assert isinstance(slow, Plan)
+    assert slow.accepts == {LIDAR: ("slow", "fast")}  # the other mode is acceptable to other holders
     refused = plan(dark, "dem", ["mana"])
     assert isinstance(refused, NoPlan)
     assert refused.text.startswith("modes mana/lidar fast do not fit: 10 W, mana has 2.5 W left")

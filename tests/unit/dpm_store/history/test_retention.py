@@ -56,6 +56,13 @@ def test_the_oldest_products_beyond_a_quota_are_deleted(aged_store: Store, clock
     } == {"minnie"}
 
 
+def test_a_number_of_products_counts_each_robot_alone(aged_store: Store, clock: ManualClock) -> None:
+    for seq in (50, 51, 52):
+        put(aged_store, header(seq, t1_ns=clock.now_ns() - 90 * S), robot="minnie")
+    retired = aged_store.retention.plan([Rule(product="dem", max_count=4)]).retired
+    assert [v.robot for v in retired] == ["mana", "mana"]
+
+
 def test_pinned_products_and_their_inputs_stay(aged_store: Store, clock: ManualClock) -> None:
     first, second, third = ids(aged_store)[:3]
     put(aged_store, header(20, t1_ns=clock.now_ns(), inputs=(second,)))

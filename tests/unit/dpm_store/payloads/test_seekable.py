@@ -75,6 +75,14 @@ def test_damage_never_gives_another_content_as_checked() -> None:
     assert refused > 1900
 
 
+def test_frames_without_a_checksum_are_refused_in_a_file_whose_table_states_sums() -> None:
+    damaged = bytearray(DATA)
+    assert damaged[4] & 4  # flag of the checksum in the header of the first frame
+    damaged[4] &= ~4
+    with pytest.raises(CodecError, match="compressed frame 0: no checksum"):
+        read(bytes(damaged), 0, 4)
+
+
 def test_a_frame_that_states_a_huge_content_is_refused() -> None:
     frame = zstandard.ZstdCompressor().compress(bytes(1 << 24))
     table = struct.pack("<II", len(frame), len(CONTENT)) + struct.pack("<IBI", 1, 0, 0x8F92EAB1)

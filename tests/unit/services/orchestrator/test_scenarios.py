@@ -214,12 +214,16 @@ def test_a_scheduled_request_continues_after_a_restart_of_the_orchestrator(stage
     schedule_pose(stage, 20.0, 10.0, request="missed")
     restart(stage, pause_s=40.0)
     stage.run(60.0)
-    assert scheduled_job(stage, "missed")["state"] == "missed"
+    missed = scheduled_job(stage, "missed")
+    assert missed["state"] == "missed"
+    assert "while no orchestrator was running" in str(missed)
     running = scheduled_job(stage, name)
     assert running["state"] == "running"
     count = len(running["result"]["products"])
     assert count > 0
     restart(stage)
+    with pytest.raises(CdffError, match="no job 'missed'"):  # the journal holds its end
+        scheduled_job(stage, "missed")
     assert stage.run_until(lambda: scheduled_job(stage, name)["state"] == "done", 150.0)
     done = scheduled_job(stage, name)
     assert len(done["result"]["products"]) > count
