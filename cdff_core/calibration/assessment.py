@@ -107,7 +107,7 @@ def _of_camera(result: RigCalibration, number: int) -> Iterator[str]:
     centre_px = max(sigma[f"{number}.cx"], sigma[f"{number}.cy"])
     if centre_px > _CENTRE_PX:
         yield (
-            f"the principal point has a standard deviation of {centre_px:.1f} px: turn the board by 90 "
+            f"the principal point has a standard deviation of {centre_px:.1f} px: rotate the board by 90 "
             "degrees in some images, and tilt it about both axes"
         )
     is_seen = coverage_map(result, number) > 0

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 
 from cdff_common.arrays import BoolArray, FloatArray
-from cdff_common.errors import InputError
+from cdff_common.errors import DegenerateGeometryError, InputError
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.geometry.covariance import inverse_covariance
 from cdff_core.calibration.board_poses import BoardPose
@@ -60,6 +60,9 @@ _GATE = 4.74
 #: Thresholds of Huber's loss, Mahalanobis distance (95 % of 6 and 9 degrees of freedom).
 _HUBER_POSE, _HUBER_INTERVAL = 3.55, 4.11
 _ITERATIONS = 40
+#: Largest step of a parameter, in its standard deviations, that ends the adjustment, and that is accepted
+#: after the last iteration.
+_CONVERGED_SIGMA, _LARGEST_STEP_SIGMA = 1e-3, 0.5
 #: Weak priors, standard deviations in the order of ``PARAMETERS``. Gravity has one of its length instead.
 _PRIOR = np.diag([0.01] * 3 + [1.0 / np.pi**2] * 3 + [1.0] * 3 + [1.0 / 0.5**2] * 3 + [0.0] * 3 + [1.0])
 _GRAVITY_SIGMA = 0.02
@@ -168,8 +171,8 @@ def camera_imu_calibration(
     InputError
         If images and readings have no common interval of time.
     DegenerateGeometryError
-        If fewer than ``LEAST_INTERVALS`` pairs of images show the board, the camera does not rotate, or its
-        rotation is not that of the IMU.
+        If fewer than ``LEAST_INTERVALS`` pairs of images show the board, the camera does not rotate, its
+        rotation is not that of the IMU, or the adjustment does not converge.
     """
     origin_ns = int(stamps_ns[0]) if len(stamps_ns) else 0
     own = np.array([stamps_ns[board.number] for board in boards], np.int64)
@@ -299,7 +302,10 @@ def _pose_residuals(data: _Data, state: _State) -> FloatArray:
 
 
 def _adjusted(data: _Data, state: _State) -> tuple[FloatArray, BoolArray, dict[str, float]]:
-    """Adjust the state; return the covariance of the parameters, the used images and figures of the fit."""
+    """Adjust the state; return the covariance of the parameters, the used images and figures of the fit.
+
+    Raises DegenerateGeometryError if the adjustment does not converge.
+    """
     information = np.linalg.inv(data.covariance)
     is_used = np.ones(len(data.t_s), dtype=bool)
     covariance, fit = np.zeros((16, 16)), {}
@@ -348,9 +354,31 @@ def _adjusted(data: _Data, state: _State) -> tuple[FloatArray, BoolArray, dict[s
             "rms_m": float(np.sqrt((errors[is_used, :3] ** 2).sum(axis=1).mean())),
             "variance_ratio": squares / freedom,
         }
-        if float(np.abs(step / np.sqrt(np.diag(covariance))).max()) < 1e-3:
+        fit["last_step_sigma"] = _step_sigma(data, state, step, covariance)
+        if fit["last_step_sigma"] < _CONVERGED_SIGMA:
             break
+    if not fit["last_step_sigma"] < _LARGEST_STEP_SIGMA:
+        raise DegenerateGeometryError(
+            f"the adjustment did not converge: the last of {_ITERATIONS} steps was "
+            f"{fit['last_step_sigma']:.2g} standard deviations, expected less than {_LARGEST_STEP_SIGMA:g}; "
+            "check the calibration of the camera and the units of the readings, and move about all axes",
+            ("motion",),
+        )
     return covariance * max(1.0, fit["variance_ratio"]), is_used, fit
+
+
+def _step_sigma(data: _Data, state: _State, step: FloatArray, covariance: FloatArray) -> float:
+    """Return the largest step of a parameter in its standard deviations.
+
+    The position along the axis of a rotation about one axis only is left out: it is not determined, so that
+    it does not converge.
+    """
+    axis, spread = _rotation_axis(data.readings)
+    step = step.copy()
+    if spread < _LEAST_SPREAD:
+        along = state.T_camera_imu[:3, :3] @ axis
+        step[:3] -= along * float(along @ step[:3])
+    return float(np.abs(step / np.sqrt(np.diag(covariance))).max())
 
 
 def _with_prior(

@@ -8,6 +8,8 @@ dropped, for example those with the wrong one of the two poses that a view of a 
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -25,6 +27,8 @@ _LEAST_RATE, _LEAST_CORRELATION = 0.1, 0.7
 #: Largest difference of the rotation between two images by unit and camera, radians, or number of medians;
 #: a run of fewer images than the last number that agrees with no neighbour is dropped.
 _LEAST_GATE, _GATE_MEDIANS, _SHORTEST_RUN = np.deg2rad(2.0), 8.0, 4
+#: Largest number of passes in which the set of pairs that agree may change.
+_LARGEST_PASSES = 30
 #: Gaps of the readings longer than this number of periods are not integrated.
 _GAP_PERIODS = 4.0
 
@@ -78,12 +82,13 @@ def agreed_rotation(
     Raises
     ------
     DegenerateGeometryError
-        If fewer than ``LEAST_INTERVALS`` pairs of images are connected, the camera does not rotate, or its
-        rotation is not that of the IMU.
+        If fewer than ``LEAST_INTERVALS`` pairs of images are connected, the camera does not rotate, its
+        rotation is not that of the IMU, or the set of the images that agree does not become constant.
     """
     is_kept = np.ones(len(t_s), dtype=bool)
     offset_s, R = 0.0, np.eye(3)
-    for attempt in range(4):
+    # Each pass drops images, so that it ends at the latest when too few pairs remain.
+    for attempt in itertools.count():
         kept = np.flatnonzero(is_kept)
         duration_s = np.diff(t_s[kept])
         pairs = np.flatnonzero((duration_s > 1e-4) & (duration_s <= LONGEST_INTERVAL_S))
@@ -102,13 +107,23 @@ def agreed_rotation(
             is_used &= is_known
         own = _mean_rates(readings, start_s - offset_s, duration_s)
         R, bias = _rotation(rates[is_used], own[is_used])
-        # Again with the pairs that agree.
-        for _ in range(3):
+        # Again with the pairs that agree, until they do not change.
+        for _ in range(_LARGEST_PASSES):
+            previous = is_used
             difference = np.linalg.norm(own @ R.T + bias - rates, axis=1) * duration_s
             gate = max(_LEAST_GATE, _GATE_MEDIANS * float(np.median(difference[is_used])))
             is_used = is_known & (difference < gate)
             require_intervals(int(is_used.sum()), len(t_s))
             R, bias = _rotation(rates[is_used], own[is_used])
+            if (is_used == previous).all():
+                break
+        else:
+            raise DegenerateGeometryError(
+                f"the pairs of images whose rotation agrees with the IMU still change after {_LARGEST_PASSES} "
+                f"passes ({int(is_used.sum())} of {len(pairs)}): expected a constant set; check the poses of "
+                "the board and that camera and IMU are rigidly connected",
+                ("roll", "pitch", "yaw"),
+            )
         is_wrong = np.zeros(len(kept) - 1, dtype=bool)
         is_wrong[pairs[is_known & ~is_used]] = True
         runs = np.split(np.arange(len(kept)), np.flatnonzero(is_wrong) + 1)

@@ -18,6 +18,8 @@ from cdff_common.types import Array3D, Frame, FrameCameraModelT, FrameModeT, Tra
 #: Largest difference of the capture times of a pair: at 0.2 rad/s, a camera with a focal length of 1000 px
 #: rotates by 4 px in this time.
 LARGEST_DIFFERENCE_NS = 20_000_000
+#: Smallest distance of the principal point from the border of an image, relative to its size.
+_LEAST_BORDER = 0.1
 
 
 def check_undistorted(*images: Frame) -> None:
@@ -31,6 +33,22 @@ def check_undistorted(*images: Frame) -> None:
                 f"image of {image.frame or 'a camera'} has lens distortion ({lens}): expected an undistorted "
                 "image, by image_undistortion or, for a stereo pair, stereo_rectification"
             )
+
+
+def check_principal_point(image: Frame) -> None:
+    """Raise InputError if the principal point is not in the image, or at its border.
+
+    Such a camera matrix is usually that of images of another size.
+    """
+    rows, cols = image.image.shape[:2]
+    position = np.asarray(image.camera_matrix, np.float64)[:2, 2] / [cols, rows]
+    if (np.abs(position - 0.5) > 0.5 - _LEAST_BORDER).any():
+        column, row = (float(v) for v in np.asarray(image.camera_matrix)[:2, 2])
+        raise InputError(
+            f"image of {image.frame or 'a camera'}: principal point ({column:.1f}, {row:.1f}) of an image of "
+            f"{cols} x {rows} pixels, expected one at least {_LEAST_BORDER:.0%} of the size from its border; "
+            "state the camera matrix of images of this size"
+        )
 
 
 def check_simultaneous(left: Frame, right: Frame) -> None:

@@ -39,12 +39,12 @@ _TEMPERATURE = 2.0
 _OUTLINE_RAYS = 200
 #: A hypothesis is not refined if its cost exceeds the smallest cost by more than this.
 _HOPELESS = 60.0
-#: Further difference for half turns, which are not yet aligned, relative to the smallest cost, of which at
+#: Further difference for rotations by 180°, which are not yet aligned, relative to the smallest cost, of which at
 #: most 1 for each ray counts, since the model of a real body does not explain all its measurements.
-_TURNED = 0.25
-#: Searches of the best pose and of its half turns, decrease of the cost after which they are repeated,
+_ROTATED = 0.25
+#: Searches of the best pose and of its rotations by 180°, decrease of the cost after which they are repeated,
 #: absolute and relative, and cost of a ray above which the best pose itself is searched again.
-_TURN_ROUNDS, _IMPROVEMENT, _RELATIVE_IMPROVEMENT, _POOR = 4, 2.0, 0.02, 1.25
+_SEARCH_ROUNDS, _IMPROVEMENT, _RELATIVE_IMPROVEMENT, _POOR = 4, 2.0, 0.02, 1.25
 #: Rays that must meet the model for an estimate of the noise.
 _MIN_RESIDUALS = 10
 _REGISTRATION_STEPS, _SIGMAS, _MIN_SCALE = 4, 3.0, 0.015
@@ -106,23 +106,23 @@ class PoseRefiner:
     def ranked(self, poses: FloatArray, count: int) -> list[Refined]:
         """Return the best hypotheses of poses T_view_model (k, 4, 4) after a search, best first.
 
-        At most ``count`` are refined, fewer if the others are much worse, and half turns of the best ones.
+        At most ``count`` are refined, fewer if the others are much worse, and rotations of the best ones by 180°.
         """
         costs = likelihood(self._view, *self._mesh, poses, self._sigma_m).cost
         rows = distinct(poses, np.argsort(costs, kind="stable"), count)
         refined_poses = [self._search(poses[row]) for row in rows if costs[row] < costs[rows[0]] + _HOPELESS]
-        for _ in range(_TURN_ROUNDS):
+        for _ in range(_SEARCH_ROUNDS):
             best = min(refined_poses, key=lambda refined: refined.cost)
             is_poor = best.cost > _POOR * len(self._view.points_m)
-            starts = [*self._half_turns(best), *([best.T] if is_poor else [])]
+            starts = [*self._rotated_by_180_deg(best), *([best.T] if is_poor else [])]
             refined_poses += [self._search(T) for T in starts]
             least_decrease = max(_IMPROVEMENT, _RELATIVE_IMPROVEMENT * best.cost)
             if min(refined.cost for refined in refined_poses) > best.cost - least_decrease:
                 break
         return sorted(refined_poses, key=lambda refined: refined.cost)
 
-    def _half_turns(self, best: Refined) -> list[FloatArray]:
-        """Return the poses (4, 4) half a turn from a pose about the principal axes of the model.
+    def _rotated_by_180_deg(self, best: Refined) -> list[FloatArray]:
+        """Return a pose (4, 4) rotated by 180° about each principal axis of the model.
 
         Only poses whose cost is not much larger are returned. The search does not always find them, and the
         scan of a plate or of a box does not exclude them.
@@ -135,7 +135,7 @@ class PoseRefiner:
         costs = likelihood(self._view, *self._mesh, poses, self._sigma_m).cost
         # The better centre for each axis.
         rows = np.argmin(costs.reshape(2, 3), axis=0) * 3 + np.arange(3)
-        difference = _TURNED * min(best.cost, len(self._view.points_m)) + _HOPELESS
+        difference = _ROTATED * min(best.cost, len(self._view.points_m)) + _HOPELESS
         return list(poses[rows[costs[rows] < best.cost + difference]])
 
     def estimate_noise(self, poses: FloatArray, least_m: float) -> float:

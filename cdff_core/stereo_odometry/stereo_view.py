@@ -13,7 +13,7 @@ from cdff_common.arrays import BoolArray
 from cdff_common.geometry.se3 import FloatArray
 from cdff_common.interfaces.dfpc import Sample
 from cdff_common.types import FramePair
-from cdff_core.imaging.frames import check_simultaneous, check_undistorted
+from cdff_core.imaging.frames import check_principal_point, check_simultaneous, check_undistorted
 from cdff_core.imaging.grey import grey_image
 from cdff_core.imaging.masks import at_pixels
 from cdff_core.imaging.rectified_camera import RectifiedCamera
@@ -41,12 +41,13 @@ class StereoView:
     def from_sample(cls, sample: Sample, masks: RobotMasks | None = None) -> StereoView:
         """Return the view of a sample.
 
-        Raises InputError on lens distortion, an invalid calibration, or masks whose size differs from that of
-        the images.
+        Raises InputError on lens distortion, an invalid or implausible calibration, images that are not
+        simultaneous, or masks whose size differs from that of the images.
         """
         pair: FramePair = sample.value
         check_undistorted(pair.left, pair.right)
         check_simultaneous(pair.left, pair.right)
+        check_principal_point(pair.left)
         RectifiedCamera.from_matrix(pair.left.camera_matrix, pair.baseline)
         left_mask, right_mask = (None, None) if masks is None else masks.of_pair(pair)
         return cls(

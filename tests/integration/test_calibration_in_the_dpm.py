@@ -14,6 +14,7 @@ from cdff_common.cli import main
 from cdff_common.geometry import se3
 from cdff_dev.ports import free_port
 from tests.support.board_folder import T_HAND_CAMERA, TEXT, write_board_folder
+from tests.support.board_motion_folder import T_CAMERA_IMU, write_motion_folder
 
 from .conftest import Eventually, Spawn
 
@@ -64,6 +65,19 @@ def test_a_calibrated_frame_is_valid_in_its_interval_and_that_of_the_profile_at_
         sigma_m = np.sqrt(np.diag(newest["covariance"])[:3])
         assert (np.abs(calibrated[:3, 3] - T_HAND_CAMERA[:3, 3]) < 4.5 * sigma_m + 1e-4).all()
         assert (sigma_m < 0.01).all()
+
+        motion = tmp_path / "motion"
+        motion.mkdir()
+        write_motion_folder(motion)
+        command = ["calibrate", "camera-imu", str(motion), "--board", TEXT, "--dpm", "--connect", endpoint]
+        command += ["--camera", str(motion / "camera.yaml"), "--valid-from", str(100 * S)]
+        command += ["--camera-frame", FRAMES[1], "--imu-frame", "servicer/imu"]
+        assert main(command) == 0
+        assert f"servicer/imu: revision in the DPM, valid from {100 * S} ns" in capsys.readouterr().out
+        parameters = {"parent": FRAMES[1], "child": "servicer/imu", "t": str(200 * S)}
+        T = np.array(bus.call(keys.dpm_rpc("ground", "pose"), parameters, timeout_s=5).body()["T"])
+        assert np.linalg.norm(T[:3, 3] - T_CAMERA_IMU[:3, 3]) < 0.02
+        assert se3.rotation_angle(T[:3, :3].T @ T_CAMERA_IMU[:3, :3]) < np.deg2rad(0.3)
 
         # An empty interval is refused before anything is sent.
         assert main([*command, "--valid-until", str(50 * S)]) == 1

@@ -5,12 +5,17 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
+from uuid import NAMESPACE_OID, uuid5
 
 import cv2
 import numpy as np
 import yaml
 
 from cdff_common.geometry import se3
+from cdff_common.interfaces.product import Header
+from cdff_common.types import Frame, IMUSensors, Time
+from cdff_dev.logs import LogWriter
 from cdff_dev.simulate.board_images import board_image
 from cdff_dev.simulate.board_motion import BoardMotion, noisy_readings, stamps_at
 from tests.support.board_folder import BOARD, CAMERA
@@ -45,3 +50,25 @@ def write_motion_folder(path: Path, *, images_hz: float = 10.0, duration_s: floa
         "distortion_coefficients": list(CAMERA.distortion),
     }
     (path / "camera.yaml").write_text(yaml.safe_dump(document))
+
+
+def write_motion_log(folder: Path, path: Path) -> None:
+    """Write the images and readings of ``write_motion_folder`` to a log of a rover."""
+    frames = {"image": "rover/camera", "sample": "rover/imu"}
+    samples: list[tuple[int, str, Any]] = []
+    for file in (folder / "images").iterdir():
+        image = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
+        assert image is not None
+        stamp_ns = int(file.stem)
+        samples.append((stamp_ns, "image", Frame.from_image(np.asarray(image, np.uint8), stamp_ns=stamp_ns)))
+    for line in (folder / "imu.csv").read_text().splitlines()[1:]:
+        stamp, *values = line.split(",")
+        w, a = np.array(values[:3], float), np.array(values[3:], float)
+        samples.append((int(stamp), "sample", IMUSensors(Time.from_ns(int(stamp)), a, w, np.zeros(3))))
+    with LogWriter(path) as writer:
+        for i, (stamp_ns, name, value) in enumerate(sorted(samples, key=lambda sample: sample[0])):
+            stream = f"/rover/{'camera' if name == 'image' else 'imu'}.{name}"
+            header = Header(
+                str(uuid5(NAMESPACE_OID, f"{name}{i}")), i, stamp_ns, stamp_ns, frames[name], "test"
+            )
+            writer.write(stream, value, stamp_ns, header)

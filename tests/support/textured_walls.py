@@ -18,6 +18,8 @@ K = np.array([[240.0, 0.0, 160.0], [0.0, 240.0, 120.0], [0.0, 0.0, 1.0]])
 SIZE, BASELINE_M = (320, 240), 0.12
 #: Depth, left edge and width of each wall, metres; both are 3 m high.
 _WALLS = ((4.0, -3.0, 6.0), (2.5, 0.1, 2.0))
+#: A single plane.
+PLANE = ((3.0, -3.0, 6.0),)
 _PIXELS_PER_M = 120.0
 
 
@@ -31,11 +33,13 @@ def texture(seed: int, width_m: float, height_m: float) -> np.ndarray:
     return np.clip(128.0 + 60.0 * total / total.std(), 0, 255).astype(np.uint8)
 
 
-def view(T_world_camera: np.ndarray, seed: int = 0) -> np.ndarray:
-    """Return the image (240, 320) of the walls of a seed."""
+def view(
+    T_world_camera: np.ndarray, seed: int = 0, planes: tuple[tuple[float, float, float], ...] = _WALLS
+) -> np.ndarray:
+    """Return the image (240, 320) of the walls of a seed; ``planes`` as ``_WALLS``."""
     image = np.zeros(SIZE[::-1], np.uint8)
     T = se3.inverse(T_world_camera)
-    for number, (z, x, width) in enumerate(_WALLS):
+    for number, (z, x, width) in enumerate(planes):
         picture = texture(10 * seed + number, width, 3.0)
         # Pixel of the texture to point on the wall, to pixel of the image.
         wall = np.array([[1 / _PIXELS_PER_M, 0, x], [0, 1 / _PIXELS_PER_M, -1.5], [0, 0, z], [0, 0, 1]])
@@ -69,11 +73,17 @@ def depth(T_world_camera: np.ndarray) -> DistanceImage:
     )
 
 
-def pair(T_world_left: np.ndarray, seed: int = 0) -> FramePair:
-    """Return the rectified pair of the walls of a seed."""
+def pair(
+    T_world_left: np.ndarray, seed: int = 0, planes: tuple[tuple[float, float, float], ...] = _WALLS
+) -> FramePair:
+    """Return the rectified pair of the walls of a seed; ``planes`` as ``_WALLS``."""
     T_right = T_world_left @ se3.transform(np.eye(3), [BASELINE_M, 0.0, 0.0])
     return FramePair.from_images(
-        view(T_world_left, seed), view(T_right, seed), baseline_m=BASELINE_M, camera_matrix=K, stamp_ns=0
+        view(T_world_left, seed, planes),
+        view(T_right, seed, planes),
+        baseline_m=BASELINE_M,
+        camera_matrix=K,
+        stamp_ns=0,
     )
 
 

@@ -69,9 +69,9 @@ class SelectedPixels:
         basis = calibration_basis(right, camera)
         return cls(image[row, col].astype(np.float64), pixels, disparities, basis)
 
-    def corrected(self, calibration_px: FloatArray) -> FloatArray:
-        """Return the disparities (n,) corrected by the parameters (2,) of the calibration."""
-        return np.maximum(self.disparities + self.basis @ calibration_px, 0.05)
+    def corrected(self, calibration_px: FloatArray, errors_px: FloatArray) -> FloatArray:
+        """Return the disparities (n,) with errors (n,), corrected by the parameters (2,) of the calibration."""
+        return np.maximum(self.disparities + errors_px + self.basis @ calibration_px, 0.05)
 
 
 def calibration_basis(right: FloatArray, camera: RectifiedCamera) -> FloatArray:

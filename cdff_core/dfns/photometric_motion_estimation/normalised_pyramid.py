@@ -37,8 +37,8 @@ _DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz")
 _MIN_PIXELS = 100
 #: Fraction of the selected pixels that must be in view.
 _MIN_OVERLAP = 0.15
-#: Change of the normalised cost by a step that ends the iteration.
-_TOLERANCE = 1e-5
+#: Change of the normalised cost by a step that ends the iteration, on the finest and on other levels.
+_TOLERANCE, _COARSE_TOLERANCE = 1e-5, 1e-4
 #: Edge of the blocks whose residuals are assumed to be independent, pixels.
 _BLOCK_PX = 48
 #: Information of a parameter of the calibration that is not estimated, per square pixel.
@@ -84,7 +84,7 @@ class _Images:
     def warp(self, selected: SelectedPixels, level: int, estimate: _Estimate) -> Warped:
         """Return the pixels of a level warped by an estimate."""
         c, scale = self.camera, 2.0**level
-        disparities = selected.corrected(estimate.calibration_px)
+        disparities = selected.corrected(estimate.calibration_px, estimate.disparity_errors)
         points = c.triangulate(np.column_stack([selected.pixels, disparities]))
         parts = [
             warp_pixels(
@@ -113,17 +113,19 @@ class _Images:
         current_basis = calibration_basis(scale * positions[:, 1], c)
         by_calibration[:, 1] += gradients[:, 1, :1] * current_basis / scale
         by_parameters = np.concatenate([by_pose, by_calibration], axis=2)
-        return Warped(residuals, by_parameters, by_disparity, gradients, positions, visible)
+        errors = estimate.disparity_errors
+        return Warped(residuals, errors, by_parameters, by_disparity, gradients, positions, visible)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Estimate:
-    """Motion ``T_current_reference`` and the parameters of the calibration, with their prior."""
+    """Motion ``T_current_reference``, errors of the disparities, parameters of the calibration with prior."""
 
     T: FloatArray  # (4, 4)
     calibration_px: FloatArray  # (2,)
     prior_px: FloatArray  # (2,)
     prior_information: FloatArray  # (2, 2)
+    disparity_errors: FloatArray  # (n,), of the selected pixels, pixels of the full resolution
 
     @classmethod
     def of_inputs(cls, inputs: Inputs) -> _Estimate:
@@ -131,7 +133,7 @@ class _Estimate:
         T = se3.inverse(inputs.guess)
         T[:3, :3] = se3.normalise_rotation(T[:3, :3])
         if inputs.calibration is None or inputs.calibration_covariance is None:
-            return cls(T, np.zeros(2), np.zeros(2), _EXACT * np.eye(2))
+            return cls(T, np.zeros(2), np.zeros(2), _EXACT * np.eye(2), np.zeros(0))
         if inputs.calibration.shape != (2,) or inputs.calibration_covariance.shape != (2, 2):
             raise InputError(
                 f"calibration {inputs.calibration.shape}, covariance {inputs.calibration_covariance.shape}: "
@@ -139,9 +141,11 @@ class _Estimate:
             )
         mean = np.array(inputs.calibration, np.float64)
         information = np.asarray(np.linalg.inv(inputs.calibration_covariance), np.float64)
-        return cls(T, mean, mean, information)
+        return cls(T, mean, mean, information, np.zeros(0))
 
-    def stepped(self, equations: NormalEquations, damping: float, *, is_finest: bool) -> _Estimate:
+    def stepped(
+        self, warped: Warped, equations: NormalEquations, damping: float, *, is_finest: bool
+    ) -> _Estimate:
         """Return the result of a damped Gauss-Newton step; only the finest level changes the calibration."""
         information = np.zeros((8, 8))
         information[6:, 6:] = self.prior_information if is_finest else _EXACT * np.eye(2)
@@ -150,7 +154,10 @@ class _Estimate:
         normal = equations.normal + information
         step = -np.linalg.solve(normal + damping * np.diag(np.diag(normal) + 1e-9), gradient)
         T = se3.transform(se3.exp_so3(step[3:6]) @ self.T[:3, :3], self.T[:3, 3] + step[:3])
-        return replace(self, T=T, calibration_px=self.calibration_px + step[6:])
+        predicted = equations.reduced + warped.by_parameters @ step
+        change = -np.einsum("ni,ni->n", equations.disparity_gain, predicted) - self.disparity_errors
+        errors = self.disparity_errors + change / (1.0 + damping)
+        return replace(self, T=T, calibration_px=self.calibration_px + step[6:], disparity_errors=errors)
 
 
 class NormalisedPyramid(Interface[NormalisedPyramidConfig]):
@@ -159,7 +166,7 @@ class NormalisedPyramid(Interface[NormalisedPyramidConfig]):
     Each selected pixel of the reference is projected into the left and the right current image [1]_, [2]_.
     The local mean and contrast of all images are removed, which replaces the affine brightness model by a
     local one. The right image determines the scale together with the disparities of the reference; the error
-    of a disparity is common to both residuals of a pixel and is eliminated. Residuals are weighted by
+    of a disparity is common to both residuals of a pixel and is estimated with the motion. Residuals are weighted by
     Cauchy's function with a scale from their median. Two errors of the stereo calibration that row offsets do
     not determine are estimated on the finest level, if their prior is given (see RectificationRefinement).
 
@@ -219,27 +226,32 @@ class NormalisedPyramid(Interface[NormalisedPyramidConfig]):
 
         A level above the finest on which too few pixels are in view does not change the motion.
         """
+        estimate = replace(estimate, disparity_errors=np.zeros(len(selected.values)))
         warped = images.warp(selected, level, estimate)
         if level == 0:
             _require_view(warped)
         elif warped.visible[:, 0].sum() < _MIN_PIXELS:
             return estimate, warped, NormalEquations.of_pixels(warped, 1.0, self.config.sigma_disparity_px)
         sigma, damping = warped.sigma(), 1e-4
+        tolerance = _COARSE_TOLERANCE if level else _TOLERANCE
         equations = NormalEquations.of_pixels(warped, sigma, self.config.sigma_disparity_px)
         for _ in range(self.config.iterations):
-            candidate = estimate.stepped(equations, damping, is_finest=level == 0)
+            candidate = estimate.stepped(warped, equations, damping, is_finest=level == 0)
             trial = images.warp(selected, level, candidate)
             trial_equations = NormalEquations.of_pixels(trial, sigma, self.config.sigma_disparity_px)
-            lost = trial.visible.sum() < 0.5 * warped.visible.sum()
-            if lost or trial_equations.cost > equations.cost:
-                damping *= 10.0
+            is_lost = trial.visible.sum() < 0.5 * warped.visible.sum()
+            gained = equations.cost - trial_equations.cost
+            if not is_lost and -tolerance * (1.0 + equations.cost) < gained < 0.0:
+                break
+            if is_lost or gained < 0.0:
+                damping = max(10.0 * damping, 0.3)
                 if damping > 1e3:
                     break
                 continue
-            gained = equations.cost - trial_equations.cost
+            end = gained < tolerance * (1.0 + equations.cost)
             estimate, warped, equations = candidate, trial, trial_equations
             damping = max(0.1 * damping, 1e-7)
-            if gained < _TOLERANCE * (1.0 + equations.cost):
+            if end:
                 break
             sigma = min(sigma, warped.sigma())
             equations = NormalEquations.of_pixels(warped, sigma, self.config.sigma_disparity_px)

@@ -19,6 +19,7 @@ from cdff_common.types import Frame, Pointcloud, TransformWithCovariance
 from cdff_core.dfpcs.visual_localisation.configuration import VisualLocalisationConfig
 from cdff_core.dfpcs.visual_localisation.interface import VisualLocalisationInterface
 from cdff_core.dfpcs.visual_localisation.map_matcher import MapMatcher
+from cdff_core.imaging.frames import check_principal_point
 from cdff_core.imaging.grey import checked_image, grey_image
 from cdff_core.visual_map.camera_pose import CameraPose, CameraPoseSolver
 from cdff_core.visual_map.features import FeatureExtractor
@@ -103,6 +104,7 @@ class VisualLocalisation(VisualLocalisationInterface):
         assert self._map is not None
         cfg = self.config
         camera = CameraModel.of_frame(frame)
+        check_principal_point(frame)
         features = self._extractor.extract(checked_image(grey_image(frame)), camera)
         matches = self._map.match(features, cfg.candidates)
         metrics |= {"features": float(len(features)), "matches": float(len(matches))}

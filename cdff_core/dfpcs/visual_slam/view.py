@@ -14,7 +14,7 @@ from cdff_common.errors import InputError
 from cdff_common.geometry import se3
 from cdff_common.interfaces.dfpc import Sample
 from cdff_common.types import DistanceImage, Frame, FramePair
-from cdff_core.imaging.frames import check_simultaneous, check_undistorted
+from cdff_core.imaging.frames import check_principal_point, check_simultaneous, check_undistorted
 from cdff_core.imaging.grey import checked_image, grey_image
 from cdff_core.imaging.rectified_camera import RectifiedCamera
 from cdff_core.visual_map.features import FeatureExtractor, ImageFeatures
@@ -55,6 +55,7 @@ class CameraView:
         measure: Callable[[ImageFeatures], MeasuredPoints],
     ) -> None:
         self.stamp_ns, self.inputs, self.frame = stamp_ns, inputs, frame.frame
+        check_principal_point(frame)
         self.camera = CameraModel.of_frame(frame)
         self.image = checked_image(grey_image(frame))
         self.focal_px = float(np.sqrt(self.camera.fx * self.camera.fy))

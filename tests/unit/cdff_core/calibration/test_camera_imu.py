@@ -11,6 +11,7 @@ import pytest
 
 from cdff_common.errors import DegenerateGeometryError, InputError
 from cdff_common.geometry import se3
+from cdff_core.calibration import camera_imu, camera_imu_start
 from cdff_core.calibration.board_poses import BoardPose
 from cdff_core.calibration.boards import Board
 from cdff_core.calibration.camera_imu import PARAMETERS, CameraImu, camera_imu_calibration
@@ -182,3 +183,27 @@ def test_integrals_are_those_of_the_motion() -> None:
     np.testing.assert_allclose(own.velocity, (inverse @ velocity[..., None])[..., 0], atol=2e-4)
     np.testing.assert_allclose(own.position, (inverse @ position[..., None])[..., 0], atol=5e-5)
     assert (noise_densities(readings) < [1e-5, 1e-4]).all()
+
+
+def test_an_adjustment_that_does_not_converge_is_refused(
+    data: Recording, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert data.calibrated().pose.figures["last_step_sigma"] < 1e-3
+    monkeypatch.setattr(camera_imu, "_ITERATIONS", 1)
+    with pytest.raises(DegenerateGeometryError, match="did not converge: the last of 1 steps"):
+        data.calibrated()
+
+
+def test_a_changing_set_of_agreeing_images_is_refused(
+    data: Recording, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    boards = list(data.boards)
+    for k in range(10, 110, 9):
+        board = boards[k]
+        T = board.T_camera_board @ se3.transform(se3.exp_so3([0.0, 0.1, 0.0]), [0.0, 0.0, 0.0])
+        boards[k] = replace(board, T_camera_board=T)
+    wrong = replace(data, boards=boards)
+    assert wrong.calibrated().pose.dropped >= 11
+    monkeypatch.setattr(camera_imu_start, "_LARGEST_PASSES", 1)
+    with pytest.raises(DegenerateGeometryError, match="still change after 1 passes"):
+        wrong.calibrated()

@@ -15,7 +15,13 @@ from cdff_common.geometry import se3
 from cdff_common.interfaces.profile import load_profile
 from cdff_dev.calibrate.sensor_data import poses_at
 from tests.support.board_folder import T_BASE_CAMERA, T_BASE_LIDAR, T_HAND_CAMERA, TEXT, write_board_folder
-from tests.support.board_motion_folder import BIASES, OFFSET_S, T_CAMERA_IMU, write_motion_folder
+from tests.support.board_motion_folder import (
+    BIASES,
+    OFFSET_S,
+    T_CAMERA_IMU,
+    write_motion_folder,
+    write_motion_log,
+)
 
 PROFILE = """
 name: rover
@@ -71,14 +77,21 @@ def test_the_mount_of_a_lidar_is_written_to_the_profile(
     assert "# to be calibrated" in profile.read_text()
 
 
+@pytest.fixture(scope="module")
+def motion(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with images of a board in motion, readings of an IMU and the calibration."""
+    path = tmp_path_factory.mktemp("motion")
+    write_motion_folder(path)
+    return path
+
+
 def test_pose_offset_and_biases_of_an_imu_are_found_from_a_folder_and_written_to_the_profile(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    motion: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    write_motion_folder(tmp_path)
     profile = tmp_path / "rover.yaml"
     profile.write_text(PROFILE)
-    command = ["calibrate", "camera-imu", str(tmp_path), "--board", TEXT, "--write"]
-    command += ["--camera", str(tmp_path / "camera.yaml"), "--profile", str(profile)]
+    command = ["calibrate", "camera-imu", str(motion), "--board", TEXT, "--write"]
+    command += ["--camera", str(motion / "camera.yaml"), "--profile", str(profile)]
     command += ["--camera-frame", "rover/camera", "--imu-frame", "rover/imu", "--out", str(tmp_path / "out")]
     assert main(command) == 0
     output = capsys.readouterr().out
@@ -101,6 +114,23 @@ def test_pose_offset_and_biases_of_an_imu_are_found_from_a_folder_and_written_to
     assert se3.rotation_angle(edge.matrix[:3, :3].T @ expected[:3, :3]) < np.deg2rad(0.3)
     assert main([*command, "--gravity", "-9.8"]) == 1
     assert "--gravity" in capsys.readouterr().err
+
+
+def test_images_and_readings_of_a_log_give_the_pose_of_an_imu_and_the_frames_of_the_log(
+    motion: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = ["--board", TEXT, "--camera", str(motion / "camera.yaml"), "--json"]
+    log = tmp_path / "drive.msg"
+    write_motion_log(motion, log)
+    assert main(["calibrate", "camera-imu", str(log), *command]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert (document["parent"], document["child"]) == ("rover/camera", "rover/imu")
+    assert document["images"] == len(list((motion / "images").iterdir()))
+    T, sigma = np.array(document["T"]), np.sqrt(np.diag(document["parameter_covariance"]))
+    assert (np.abs(T[:3, 3] - T_CAMERA_IMU[:3, 3]) < 4.5 * sigma[:3]).all()
+    assert (np.abs(se3.log_so3(T_CAMERA_IMU[:3, :3] @ T[:3, :3].T)) < 4.5 * sigma[3:6]).all()
+    assert main(["calibrate", "camera-imu", str(log), *command, "--imu", "/rover/other.sample"]) == 1
+    assert "/rover/other.sample" in capsys.readouterr().err
 
 
 def test_wrong_options_are_refused_with_the_remedy(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

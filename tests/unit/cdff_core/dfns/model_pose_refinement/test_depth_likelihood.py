@@ -43,7 +43,7 @@ def scan_at(T: np.ndarray, rng: np.random.Generator, sigma_m: float = 0.01) -> n
 
 
 def hypotheses(T: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Return half turns of the pose, and the pose with a small error as the last one."""
+    """Return rotations of the pose by 180°, and the pose with a small error as the last one."""
     turns = se3.exp_so3(np.pi * np.eye(3))
     wrong = [T @ se3.transform(R, np.zeros(3)) for R in turns]
     near = T @ se3.transform(se3.exp_so3(np.radians(rng.normal(0, 0.4, 3))), rng.normal(0, 0.003, 3))

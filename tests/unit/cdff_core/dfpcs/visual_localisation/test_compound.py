@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import cache
 
+import cv2
 import numpy as np
 import pytest
 
@@ -81,6 +82,18 @@ def test_the_opposite_view_is_refused_and_a_view_ahead_is_located() -> None:
     ahead = se3.transform(np.eye(3), [0.0, 0.0, 1.0])
     found = located(node(), image(ahead)).value.transform
     assert np.linalg.norm(pose_error(ahead, found.matrix)[:3]) < 0.02
+
+
+def test_an_image_of_half_the_size_is_located_with_its_own_camera_matrix_only() -> None:
+    small = np.ascontiguousarray(
+        cv2.resize(walls.view(T_QUERY), None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+    )
+    K = np.array([[120.0, 0.0, 79.75], [0.0, 120.0, 59.75], [0.0, 0.0, 1.0]])
+    found = located(node(), Frame.from_image(small, stamp_ns=0, camera_matrix=K, sensor="rover/camera"))
+    assert np.linalg.norm(pose_error(T_QUERY, found.value.transform.matrix)[:3]) < 0.04
+    wrong = located(node(), Frame.from_image(small, stamp_ns=0, camera_matrix=walls.K, sensor="rover/camera"))
+    assert wrong.quality.status is Status.FAILED
+    assert "principal point (160.0, 120.0) of an image of 160 x 120 pixels" in wrong.quality.reasons[0]
 
 
 def test_an_image_without_a_camera_is_refused() -> None:

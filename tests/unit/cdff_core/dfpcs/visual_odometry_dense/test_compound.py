@@ -17,6 +17,7 @@ from cdff_common.interfaces.dfpc import Dfpc, DfpcContext, Output, Sample
 from cdff_common.interfaces.product import Status
 from cdff_common.interfaces.registry import Registry
 from cdff_common.types import Frame, FramePair, TransformWithCovariance
+from tests.support import textured_walls as walls
 from tests.support.corridor import BASELINE_M, CAMERA, drive, stereo_pair
 
 STEP_NS = 200_000_000
@@ -153,6 +154,25 @@ def test_a_pure_rotation_is_measured() -> None:
     assert output.quality.status is Status.OK
     assert np.linalg.norm(last[:3]) < 0.003
     assert np.linalg.norm(last[3:]) < 1e-3
+
+
+def test_a_motion_over_planar_ground_is_measured() -> None:
+    dfpc, down = make_configured_dfpc(), se3.exp_so3([-0.4, 0.0, 0.0])
+    path = [se3.transform(down, [0.08 * i, 0.3, 0.0]) for i in range(3)]
+    for i, T in enumerate(path):
+        output = step(dfpc, walls.pair(T, planes=walls.PLANE), i)
+    last = cov.pose_error(se3.inverse(path[0]) @ path[-1], output.value.transform.matrix)
+    assert output.quality.status is Status.OK
+    assert np.linalg.norm(last[:3]) < 0.005
+
+
+def test_the_opposite_view_is_refused(pairs: list[FramePair]) -> None:
+    dfpc = make_configured_dfpc()
+    step(dfpc, pairs[0], 0)
+    opposite = se3.transform(se3.exp_so3([0.0, np.pi, 0.0]), [0.0, 0.0, 6.0])
+    output = step(dfpc, stereo_pair(TRUE_POSES[0] @ opposite, STEP_NS), 1)
+    assert output.quality.status is Status.FAILED
+    assert output.quality.reasons[0].split(":")[0] in {"low_correlation", "low_overlap"}
 
 
 def test_swapped_cameras_are_refused(pairs: list[FramePair]) -> None:

@@ -249,6 +249,25 @@ def test_a_pure_rotation_and_a_motion_along_the_axis_are_measured(motion: str) -
         assert np.linalg.norm(pose_error(T, output.value.transform.matrix)[:3]) < 0.006
 
 
+def test_a_drive_over_planar_ground_is_measured() -> None:
+    down = se3.exp_so3([-0.4, 0.0, 0.0])
+    path = [se3.transform(down, [0.1 * i, 0.3, 0.0]) for i in range(4)]
+    outputs = run(node(), [walls.pair(T, planes=walls.PLANE) for T in path])
+    assert [output.quality.status for output in outputs] == [Status.OK] * 4
+    for T, output in zip(path, outputs, strict=True):
+        e = pose_error(se3.inverse(path[0]) @ T, output.value.transform.matrix)
+        assert np.linalg.norm(e[:3]) < 0.01
+
+
+def test_the_opposite_view_starts_a_part_of_the_map_without_a_false_loop() -> None:
+    dfpc = node()
+    opposite = se3.transform(se3.exp_so3([0.0, 0.0, np.pi]), np.zeros(3))
+    poses = run(dfpc, [pair(0), pair(1), walls.pair(opposite, 5), pair(2)])
+    assert poses[2].quality.status is Status.FAILED
+    assert poses[2].quality.reasons[0] == "lost"
+    assert error_m(poses[3], 2) < 0.02, "the part of the map before is not changed"
+
+
 def test_swapped_cameras_are_refused() -> None:
     left, right = (np.array(image.image) for image in (pair(0).left, pair(0).right))
     swapped = FramePair.from_images(
