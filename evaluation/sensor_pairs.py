@@ -205,8 +205,8 @@ def table(figures: dict[str, Any]) -> str:
     if "camera_imu" in figures:
         lines += [
             "",
-            f"| IMU at a camera, {figures['imu_seeds']} seeds | used, dropped | error | stated σ | largest error "
-            "| NEES / 6 (1 expected) | error of the offset of the clocks (stated σ) "
+            f"| IMU at a camera, {figures['imu_seeds']} seeds | used, dropped | error | stated σ "
+            "| largest error | NEES / 6 (1 expected) | error of the offset of the clocks (stated σ) "
             "| error of the bias of the gyro (stated σ) |",
             "|---|---|---|---|---|---|---|---|",
         ]

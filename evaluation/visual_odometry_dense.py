@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""``visual_odometry_dense``: KITTI next to ``visual_odometry_sparse``, and simulated drives at steps of 20 cm."""
+"""``visual_odometry_dense``: KITTI next to ``visual_odometry_sparse``, simulated drives at steps of 20 cm."""
 
 from __future__ import annotations
 

@@ -119,9 +119,9 @@ def agreed_rotation(
                 break
         else:
             raise DegenerateGeometryError(
-                f"the pairs of images whose rotation agrees with the IMU still change after {_LARGEST_PASSES} "
-                f"passes ({int(is_used.sum())} of {len(pairs)}): expected a constant set; check the poses of "
-                "the board and that camera and IMU are rigidly connected",
+                f"the pairs of images whose rotation agrees with the IMU still change after "
+                f"{_LARGEST_PASSES} passes ({int(is_used.sum())} of {len(pairs)}): expected a constant set; "
+                "check the poses of the board and that camera and IMU are rigidly connected",
                 ("roll", "pitch", "yaw"),
             )
         is_wrong = np.zeros(len(kept) - 1, dtype=bool)

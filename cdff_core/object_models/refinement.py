@@ -39,8 +39,8 @@ _TEMPERATURE = 2.0
 _OUTLINE_RAYS = 200
 #: A hypothesis is not refined if its cost exceeds the smallest cost by more than this.
 _HOPELESS = 60.0
-#: Further difference for rotations by 180°, which are not yet aligned, relative to the smallest cost, of which at
-#: most 1 for each ray counts, since the model of a real body does not explain all its measurements.
+#: Further difference for rotations by 180°, which are not yet aligned, relative to the smallest cost, of
+#: which at most 1 for each ray counts, since the model of a real body does not explain all its measurements.
 _ROTATED = 0.25
 #: Searches of the best pose and of its rotations by 180°, decrease of the cost after which they are repeated,
 #: absolute and relative, and cost of a ray above which the best pose itself is searched again.
@@ -106,7 +106,7 @@ class PoseRefiner:
     def ranked(self, poses: FloatArray, count: int) -> list[Refined]:
         """Return the best hypotheses of poses T_view_model (k, 4, 4) after a search, best first.
 
-        At most ``count`` are refined, fewer if the others are much worse, and rotations of the best ones by 180°.
+        At most ``count`` are refined, fewer if the others are much worse, and the best ones rotated by 180°.
         """
         costs = likelihood(self._view, *self._mesh, poses, self._sigma_m).cost
         rows = distinct(poses, np.argsort(costs, kind="stable"), count)

@@ -70,7 +70,7 @@ class SelectedPixels:
         return cls(image[row, col].astype(np.float64), pixels, disparities, basis)
 
     def corrected(self, calibration_px: FloatArray, errors_px: FloatArray) -> FloatArray:
-        """Return the disparities (n,) with errors (n,), corrected by the parameters (2,) of the calibration."""
+        """Return the disparities (n,) plus errors (n,), corrected by the calibration (2,)."""
         return np.maximum(self.disparities + errors_px + self.basis @ calibration_px, 0.05)
 
 

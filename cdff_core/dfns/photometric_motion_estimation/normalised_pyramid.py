@@ -119,7 +119,7 @@ class _Images:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Estimate:
-    """Motion ``T_current_reference``, errors of the disparities, parameters of the calibration with prior."""
+    """Motion ``T_current_reference``, errors of the disparities, parameters of the calibration."""
 
     T: FloatArray  # (4, 4)
     calibration_px: FloatArray  # (2,)
@@ -166,9 +166,10 @@ class NormalisedPyramid(Interface[NormalisedPyramidConfig]):
     Each selected pixel of the reference is projected into the left and the right current image [1]_, [2]_.
     The local mean and contrast of all images are removed, which replaces the affine brightness model by a
     local one. The right image determines the scale together with the disparities of the reference; the error
-    of a disparity is common to both residuals of a pixel and is estimated with the motion. Residuals are weighted by
-    Cauchy's function with a scale from their median. Two errors of the stereo calibration that row offsets do
-    not determine are estimated on the finest level, if their prior is given (see RectificationRefinement).
+    of a disparity is common to both residuals of a pixel and is estimated with the motion. Residuals are
+    weighted by Cauchy's function with a scale from their median. Two errors of the stereo calibration that
+    row offsets do not determine are estimated on the finest level, if their prior is given (see
+    RectificationRefinement).
 
     The covariance of the noise follows from the scatter of the gradient between blocks of the image [3]_.
     Errors common to all pixels (interpolation, offset of the disparities, calibration) are propagated to

@@ -265,7 +265,7 @@ def test_the_opposite_view_starts_a_part_of_the_map_without_a_false_loop() -> No
     poses = run(dfpc, [pair(0), pair(1), walls.pair(opposite, 5), pair(2)])
     assert poses[2].quality.status is Status.FAILED
     assert poses[2].quality.reasons[0] == "lost"
-    assert error_m(poses[3], 2) < 0.02, "the part of the map before is not changed"
+    assert error_m(poses[3], 2) < 0.02, "the first part of the map is not changed"
 
 
 def test_swapped_cameras_are_refused() -> None:
