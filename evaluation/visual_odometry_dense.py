@@ -79,6 +79,8 @@ def table(figures: dict[str, Any]) -> str:
 
 def _steps_table(rows: Sequence[dict[str, Any]]) -> list[str]:
     """Return the table of the simulated drives."""
+    if not rows:
+        return ["The simulated drives are not recorded yet."]
     lines = [
         "| simulated drive, steps of 20 cm | path length | end error | per 100 m | rotation at the end "
         "| NEES (6 expected) | OK poses with an error above 3 σ | OK, DEGRADED, FAILED | reasons "
