@@ -80,6 +80,23 @@ def test_several_stores_on_one_database_write_in_one_order_and_see_each_other(
         assert first.verify() == second.verify() == ()
 
 
+@ON_SERVER
+def test_rows_that_were_read_ahead_are_used_once_and_only_in_their_transaction(
+    store: Store, engine: str
+) -> None:
+    statement = select(schema.products.c.id)
+    put(store, header(0))
+    with store._database.read() as connection:
+        store._database.dialect.fetch_ahead(connection, (statement,))
+        ahead = store._database.dialect.fetch(connection, statement)
+        assert [row[0] for row in ahead] == [header(0).id]
+        assert store._database.dialect.fetch(connection, statement) == ahead
+        store._database.dialect.fetch_ahead(connection, (statement,))
+    put(store, header(1))
+    with store._database.read() as connection:
+        assert len(store._database.dialect.fetch(connection, statement)) == 2
+
+
 @pytest.fixture
 def durable(tmp_path: Path) -> Iterator[postgresql.Cluster]:
     """A server that syncs its commits, with an empty database ``a``."""
