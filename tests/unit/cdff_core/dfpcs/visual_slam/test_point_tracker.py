@@ -95,7 +95,7 @@ def test_only_the_newest_keyframe_is_tracked_in_images_of_its_size(
     track: TrackingDouble, located: Any
 ) -> None:
     assert located(4, np.eye(4), np.zeros((120, 160), np.uint8)) is None
-    assert located(5, np.eye(4), np.zeros((60, 160), np.uint8)) is None
+    assert located(5, np.eye(4), np.zeros((100, 160), np.uint8)) is None
     assert track.inputs == []
 
 
