@@ -142,7 +142,7 @@ class SpanFile:
         return SpanExportResult.SUCCESS
 
     def force_flush(self, timeout_millis: int = 30_000) -> bool:
-        """Return True: each batch is written at once."""
+        """Do nothing and return True for success, because each batch is written at once."""
         return True
 
     def shutdown(self) -> None:

@@ -128,7 +128,7 @@ def _camera_lidar(rings: int, step_deg: float) -> dict[str, float]:
 
 
 def _camera_imu(duration_s: float, images_hz: float) -> dict[str, float]:
-    """Return the figures of motions in front of a rendered board, with the readings of a low-cost IMU."""
+    """Return the figures of simulated motions of a camera and a low-cost IMU in front of a rendered board."""
     board = Board("charuco", 9, 7, 0.03, 0.022)
     results, offsets_s, offset_sigmas_s, biases, bias_sigmas = [], [], [], [], []
     for seed in IMU_SEEDS:

@@ -22,7 +22,7 @@ WINDOW_S, PAUSE_S = 30.0, 3.0
 PRIORITIES = {"pose": 0, "dem": 1, "pointcloud": 2}
 #: Products of the generated cycle: 20 poses, a map and a cloud, 0.64 MB.
 CYCLE = 22
-_LAST_WINDOW_S, _LIMIT_S = 600.0, 300.0
+_LAST_WINDOW_S, _LIMIT_S = 600.0, 120.0
 #: Time until the ground has noted all received bytes, seconds.
 _NOTED_S = 0.7
 

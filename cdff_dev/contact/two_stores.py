@@ -27,7 +27,7 @@ from cdff_dev.contact.simulated_link import Direction, SimulatedLink
 from cdff_dev.ports import free_udp_port
 
 #: Time limits of the start of a process, of a command, and of the regular end of a process, seconds.
-START_S, COMMAND_S, END_S = 300.0, 120.0, 10.0
+START_S, COMMAND_S, END_S = 60.0, 30.0, 10.0
 #: Period of looks at a condition.
 _POLL_S = 0.02
 ROBOT_SIDE, GROUND_SIDE = "robot", "ground"

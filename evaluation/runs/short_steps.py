@@ -28,7 +28,7 @@ DRIVES = {
         203,
         ("images", "images, azimuth of the Sun", "pairs missing, wheels with slip"),
     ),
-    "shadow": ("visual_steps_shadow", 101, ("images",)),
+    "shadow": ("visual_steps_shadow", 204, ("images",)),
 }
 #: Parameters for simulated images, whose calibration is exact.
 SIMULATED_CAMERA: dict[str, Any] = {

@@ -165,7 +165,7 @@ class GroundChanges:
                 self._ledger.remove_change(robot, row.ordinal)
 
     def _is_deleted(self, product_id: str) -> bool:
-        """Return whether a product that is not here was here before."""
+        """Return whether the ground has deleted a product."""
         try:
             self._store.get(product_id, deleted=True)
         except ProductNotFoundError:

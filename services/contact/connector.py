@@ -94,7 +94,7 @@ class Connector:
         self._closing.append(self._start(session.close))
 
     def close(self) -> None:
-        """Wait for the end of the attempts, which is at most their time limit, and close their sessions."""
+        """Wait until all attempts have ended, at most for their time limit, and close their sessions."""
         self.stop()
         for thread in self._attempts_running:
             thread.join()

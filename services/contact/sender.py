@@ -126,7 +126,7 @@ class Sender:
                 heapq.heappush(self._queue, (self._priorities[key], key))
 
     def progress(self) -> dict[int, int]:
-        """Return the end of the bytes that were sent, for the items of several packets, by key."""
+        """Return the end of the sent bytes of each item of several packets, by its key."""
         return {
             key: self._highest[key]
             for key, transfer in self._transfers.items()

@@ -17,7 +17,7 @@ from services.ros_messages.message_types import RosTypes
 def links_by_topic(
     entries: Sequence[InputTopic], names: FrameNames, ros_types: RosTypes, bus: Bus, tree: FrameTree
 ) -> dict[str, list[InputLink]]:
-    """Return the links of the entries by their first topics, in the order of the entries.
+    """Return one link for each entry, in the order of the entries, by the first topic of the entry.
 
     All links add their transforms to ``tree``, which refuses those that contradict it.
     """

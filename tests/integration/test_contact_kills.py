@@ -81,7 +81,7 @@ def test_after_kill_9_a_transfer_continues_at_the_offset(tmp_path: Path, side: s
 def test_a_product_that_was_stored_but_not_reported_before_kill_9_is_reported_afterwards(
     tmp_path: Path,
 ) -> None:
-    # Without loss, because the robot repeats nothing while no report reaches it.
+    # The link loses no packets, because the robot sends lost ones again only after a report.
     with TwoStores(tmp_path, [(0.0, 300.0)], **lossy(loss=0.0)) as both:
         both.start(ROBOT_SIDE, GROUND_SIDE)
         (cloud,) = both.call(ROBOT_SIDE, "put", seed=SEED, numbers=[CLOUD])

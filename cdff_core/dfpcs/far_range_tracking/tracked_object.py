@@ -167,7 +167,7 @@ class TrackedObject:
         return np.asarray(self.states.directions[0])
 
     def allow_move(self, distance_rad: float) -> None:
-        """Add a standard deviation to the direction: another point of the object will give its position."""
+        """Increase the variance of the direction, radians, before another point of the object measures it."""
         covariances = self.states.covariances.copy()
         covariances[:, :3, :3] += distance_rad**2 * np.eye(3)
         self.states = BearingStates(self.states.directions, self.states.rates, covariances)
