@@ -75,7 +75,7 @@ def evaluate(data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
 
 
 def counted(cases: Iterable[ElementTree.Element]) -> dict[str, Any]:
-    """Count the test cases by subject, engine and outcome; also return the reasons of skips and the names of failures."""
+    """Count the test cases by subject, engine and outcome; return reasons of skips, names of failures too."""
     rows: dict[str, dict[str, Counter[str]]] = {}
     skipped: Counter[str] = Counter()
     failed = []
