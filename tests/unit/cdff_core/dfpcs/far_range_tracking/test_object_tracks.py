@@ -110,6 +110,7 @@ def test_the_appearance_gives_the_position_of_an_object_whose_region_includes_du
     assert not o.is_whole
     np.testing.assert_allclose(o.pixel, place_px, atol=0.2)  # the middle of the region is 5 px away
     assert o.region == 0
+    assert np.trace(o.pixel_covariance) < 0.2
 
 
 def test_a_hidden_side_moves_the_position_of_a_poorly_correlated_object_away_from_the_visible_side() -> None:
