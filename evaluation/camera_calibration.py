@@ -5,7 +5,8 @@
 Both calibrations receive the same corners, which the commands detect. The error of a camera is the RMS
 distance, over a grid of the image, between a pixel and the projection by the true camera of the ray that the
 estimated camera has for this pixel, after the best rotation, since the orientation of the camera frame is not
-observable.
+observable. It is also stated for the grid points inside the convex hull of the corners, where nothing is
+extrapolated.
 """
 
 from __future__ import annotations
@@ -16,7 +17,9 @@ from typing import Any
 
 import cv2
 import numpy as np
+from scipy.spatial import Delaunay
 
+from cdff_common.arrays import BoolArray
 from cdff_common.camera import CameraModel
 from cdff_common.errors import CdffError
 from cdff_common.geometry import se3
@@ -47,7 +50,7 @@ RIGHT = CameraModel(480, 640, 518.0, 521.0, 322.0, 238.0, (-0.24, 0.07, -5e-4, 3
 T_RIGHT_LEFT = se3.transform(se3.exp_so3([0.01, -0.02, 0.005]), [-0.12, 0.001, 0.002])
 SEEDS = range(100, 106)
 IMAGES = 14
-_GRID = 9
+_GRID = 33
 
 
 def evaluate(_data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
@@ -89,13 +92,29 @@ def _camera_figures(lens: str, board: Board) -> dict[str, Any]:
         error = _parameter_errors(result, 0, camera)
         nees.append(float(error @ np.linalg.pinv(result.covariance) @ error) / len(error))
         ratios.append(np.abs(error) / np.sqrt(np.diag(result.covariance)))
-        rows.append([_mapping_error(result.cameras[0], camera), result.rms_px, len(views), result.dropped])
+        grid, is_covered = _grid(views, camera)
+        rows.append(
+            [
+                _mapping_error(result.cameras[0], camera, grid),
+                result.rms_px,
+                len(views),
+                result.dropped,
+                _mapping_error(result.cameras[0], camera, grid[is_covered]),
+                is_covered.mean(),
+                judged(result).is_good,
+            ]
+        )
         if (peer := _opencv(views, camera)) is not None:
-            peers.append(_mapping_error(peer, camera))
+            peers.append([_mapping_error(peer, camera, pixels) for pixels in (grid, grid[is_covered])])
     mean = np.mean(rows, axis=0)
+    peer_mean = [round(float(v), 4) for v in np.mean(peers, axis=0)] if peers else [None, None]
     return {
         "error_px": round(float(mean[0]), 4),
-        "opencv_error_px": round(float(np.mean(peers)), 4) if peers else None,
+        "covered_error_px": round(float(mean[4]), 4),
+        "covered_part": round(float(mean[5]), 2),
+        "assessed_good": round(float(mean[6]), 2),
+        "opencv_error_px": peer_mean[0],
+        "opencv_covered_error_px": peer_mean[1],
         "opencv_runs": len(peers),
         "rms_px": round(float(mean[1]), 4),
         "views": round(float(mean[2]), 1),
@@ -111,10 +130,16 @@ def _parameter_errors(result: RigCalibration, number: int, truth: CameraModel) -
     return estimate - np.array([truth.fx, truth.fy, truth.cx, truth.cy, *truth.distortion])
 
 
-def _mapping_error(estimate: CameraModel, truth: CameraModel) -> float:
-    """Return the RMS distance of projections over the image, pixels."""
-    x, y = np.meshgrid(np.linspace(0, truth.cols - 1, _GRID), np.linspace(0, truth.rows - 1, _GRID))
+def _grid(views: list[View], camera: CameraModel) -> tuple[FloatArray, BoolArray]:
+    """Return pixels ``(n, 2)`` over the image, and which are inside the convex hull of the corners."""
+    x, y = np.meshgrid(np.linspace(0, camera.cols - 1, _GRID), np.linspace(0, camera.rows - 1, _GRID))
     pixels = np.column_stack([x.ravel(), y.ravel()])
+    hull = Delaunay(np.vstack([view.pixels for view in views]))
+    return pixels, hull.find_simplex(pixels) >= 0
+
+
+def _mapping_error(estimate: CameraModel, truth: CameraModel, pixels: FloatArray) -> float:
+    """Return the RMS distance of projections of ``pixels`` (n, 2) from them, pixels."""
     a, b = estimate.rays(pixels), truth.rays(pixels)
     is_seen = np.isfinite(a).all(axis=1) & np.isfinite(b).all(axis=1)
     U, _, Vt = np.linalg.svd(b[is_seen].T @ a[is_seen])
@@ -132,7 +157,8 @@ def _opencv(views: list[View], truth: CameraModel) -> CameraModel | None:
             _, K, D, _, _ = cv2.calibrateCamera(corners, pixels, size, None, None)
         elif truth.lens == "fisheye":
             flags = cv2.CALIB_RECOMPUTE_EXTRINSIC | cv2.CALIB_FIX_SKEW
-            _, K, D, _, _ = cv2.fisheye.calibrate(corners, pixels, size, None, None, flags=flags)
+            rows = ([array.reshape(1, len(array), -1) for array in arrays] for arrays in (corners, pixels))
+            _, K, D, _, _ = cv2.fisheye.calibrate(*rows, size, None, None, flags=flags)
         else:
             return None
         return CameraModel.from_matrix(K, D, rows=truth.rows, cols=truth.cols, lens=truth.lens)
@@ -225,17 +251,23 @@ def _assessments(board: Board) -> dict[str, list[str]]:
 def table(figures: dict[str, Any]) -> str:
     """Return the tables."""
     lines = [
-        "| lens, board | images with the board | residuals (RMS) | error | error of OpenCV | NEES per "
-        "parameter (1 expected) | parameters within 3 σ |",
-        "|---|---|---|---|---|---|---|",
+        "| lens, board | images with the board | residuals (RMS) | covered part of the image | error in it | "
+        "of OpenCV | error over the image | of OpenCV | NEES per parameter (1 expected) | "
+        "parameters within 3 σ | assessed as good |",
+        "|---|---|---|---|---|---|---|---|---|---|---|",
     ]
     for name, row in figures["cameras"].items():
-        peer = "–" if row["opencv_error_px"] is None else f"{row['opencv_error_px']:.3f} px"
+        covered, whole = (
+            "–" if row[key] is None else f"{row[key]:.3f} px"
+            for key in ("opencv_covered_error_px", "opencv_error_px")
+        )
         if 0 < row["opencv_runs"] < figures["seeds"]:
-            peer += f" ({row['opencv_runs']} of {figures['seeds']} runs)"
+            whole += f" ({row['opencv_runs']} of {figures['seeds']} runs)"
         lines.append(
             f"| {name} | {row['views']} of {figures['images']} | {row['rms_px']:.3f} px "
-            f"| {row['error_px']:.3f} px | {peer} | {row['nees']:.2f} | {100 * row['within_3_sigma']:.0f} % |"
+            f"| {100 * row['covered_part']:.0f} % | {row['covered_error_px']:.3f} px | {covered} "
+            f"| {row['error_px']:.3f} px | {whole} | {row['nees']:.2f} | {100 * row['within_3_sigma']:.0f} % "
+            f"| {100 * row['assessed_good']:.0f} % |"
         )
     s = figures["stereo"]
     lines += [

@@ -77,6 +77,10 @@ class NewStores:
         self._free += self._used[names:]
         del self._used[names:]
 
+    def discard(self) -> None:
+        """Use the databases in use never again, because a test has changed their schema."""
+        self._used.clear()
+
     @property
     def used(self) -> int:
         """Number of databases in use."""

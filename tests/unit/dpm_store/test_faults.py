@@ -20,9 +20,11 @@ from cdff_common.errors import StorageError
 from dpm_store import Insertion, Query, Rule, Store, open_store
 from dpm_store.engine import schema
 from dpm_store.payloads.blobs import CHUNK_BYTES, BlobFiles, chunk_sums, digest
+from dpm_store.payloads.objects import ObjectPacks
 from dpm_store.payloads.packs import location_range, pack_of
 from dpm_store.payloads.payloads import PACKED_BYTES
 from tests.kill_dpm import campaign
+from tests.support import postgresql
 from tests.support.postgresql import WITH_FILES
 from tests.support.store_products import header, put
 
@@ -141,6 +143,7 @@ def test_there_is_no_reserve_by_default(tmp_path: Path) -> None:
 
 
 @pytest.mark.req("CDFF-SUP-171")
+@pytest.mark.parametrize("engine", postgresql.ENGINES)
 @pytest.mark.parametrize("size", [10, PACKED_BYTES, PACKED_BYTES + 1, 3 * CHUNK_BYTES])
 @pytest.mark.parametrize("where", [0.0, 0.5, 1.0])
 @pytest.mark.parametrize("levels", [256, 4], ids=["stored", "compressed"])
@@ -161,16 +164,23 @@ def test_a_flipped_bit_is_detected_and_the_payload_is_never_returned(
 
 
 def flip(store: Store, sha256: str, where: float) -> None:
-    """Change one bit of a stored payload; ``where`` is 0 at its first and 1 at its last byte on the disk."""
-    path, first = store.directory / "blobs" / sha256[:2] / sha256[2:], 0
-    if path.exists():
+    """Change one bit of a stored payload; ``where`` is 0 at its first and 1 at its last stored byte."""
+    with store._database.read() as connection:
+        b = schema.blobs.c
+        location, size = connection.execute(select(b.location, b.size).where(b.sha256 == sha256)).one()
+    first = 0 if location is None else location - location_range(pack_of(location))[0]
+    payloads = store._payloads
+    if isinstance(payloads.packs, ObjectPacks):
+        key = f"blobs/{sha256[:2]}/{sha256[2:]}" if location is None else f"packs/{pack_of(location):010d}"
+        content = bytearray(payloads.packs._store.get(key))
+        content[first + int(where * ((len(content) if location is None else size) - 1))] ^= 4
+        payloads.packs._store.put(key, bytes(content))
+        return
+    if location is None:
+        path = payloads.files.path(sha256)
         size = path.stat().st_size
     else:
-        with store._database.read() as connection:
-            b = schema.blobs.c
-            location, size = connection.execute(select(b.location, b.size).where(b.sha256 == sha256)).one()
-        path = store._payloads.packs.path(pack_of(location))
-        first = location - location_range(pack_of(location))[0]
+        path = payloads.packs.path(pack_of(location))
     offset = first + int(where * (size - 1))
     with path.open("r+b") as file:
         file.seek(offset)
