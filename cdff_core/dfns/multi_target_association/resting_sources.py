@@ -7,13 +7,14 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
-from cdff_common.arrays import FloatArray, IntArray
+from cdff_common.arrays import BoolArray, FloatArray, IntArray
 from cdff_core.bearing_tracking.motion import BearingStates, tangents
 
 #: Number of sightings above which a source starts no object, and above which it is known to be at rest.
 REPEATED, KNOWN = 2, 6
-#: Numbers of images without a sighting after which a source is removed, before and after it is known.
-_FORGET_NEW, _FORGET_KNOWN = 4, 20_000
+#: Numbers of images without a sighting after which a source is removed: before and after it is known, and if
+#: it moves.
+_FORGET_NEW, _FORGET_KNOWN, _FORGET_MOVING = 4, 20_000, 4
 #: Least number of sightings and least squared rate, in squared standard deviations, of a moving source.
 _MIN_SIGHTINGS, _MIN_SIGNIFICANCE = 8, 60.0
 #: Squared rate, in squared standard deviations, above which the position at the end of the fitted line is
@@ -45,16 +46,20 @@ class RestingSources:
         """Return the direction of each source (n, 3): the mean or, of a
         moving source, the end of its line.
         """
-        n, t, tt, x, y, tx, ty = self._sums[:, :7].T
         place = self._sums[:, 3:5] / self._sums[:, :1]
-        spread = tt - t * t / n
-        slope = np.column_stack([tx - t * x / n, ty - t * y / n]) / np.maximum(spread, 1e-12)[:, None]
-        significance = (slope**2).sum(axis=1) * spread / self._variance
-        moving = (n >= _MIN_SIGHTINGS) & (significance > _MIN_FOLLOWED)
-        lag = (time_s - self._first_s - t / n)[moving]
+        slope, moving = self._lines()
+        lag = (time_s - self._first_s - self._sums[:, 1] / self._sums[:, 0])[moving]
         place[moving] += slope[moving] * lag[:, None]
         v = self._origin + np.einsum("ni,nij->nj", place, self._tangents)
         return np.asarray(v / np.linalg.norm(v, axis=1, keepdims=True))
+
+    def _lines(self) -> tuple[FloatArray, BoolArray]:
+        """Return the slope (n, 2) of the line of each source, and whether the source follows its line."""
+        n, t, tt, x, y, tx, ty = self._sums[:, :7].T
+        spread = tt - t * t / n
+        slope = np.column_stack([tx - t * x / n, ty - t * y / n]) / np.maximum(spread, 1e-12)[:, None]
+        significance = (slope**2).sum(axis=1) * spread / self._variance
+        return slope, (n >= _MIN_SIGHTINGS) & (significance > _MIN_FOLLOWED)
 
     def matched(self, directions: FloatArray, variances: FloatArray, time_s: float) -> IntArray:
         """Return the source (n,) nearest to each measured direction within its error, or -1."""
@@ -96,6 +101,7 @@ class RestingSources:
         self._unseen += 1
         self._unseen[entries] = 0
         limit = np.where(self._sums[:, 0] > REPEATED, _FORGET_KNOWN, _FORGET_NEW)
+        limit[self._lines()[1]] = _FORGET_MOVING  # the error of a line grows beyond its sightings
         is_kept = self._unseen <= limit
         is_new = ~is_matched
         count = int(is_new.sum())

@@ -16,6 +16,7 @@ from cdff_core.dfns.multi_target_association.multiple_hypotheses import (
     LOST,
     MultipleHypotheses,
 )
+from cdff_core.dfns.multi_target_association.resting_sources import RestingSources
 
 PIXEL, SIGMA_PX, WIDTH = 2e-4, 0.13, 300.0
 T0_NS = 1_700_000_000_000_000_000
@@ -158,6 +159,22 @@ def test_a_slow_object_leaves_the_map_of_sources_at_rest() -> None:
     assert first_step is not None
     assert first_step < 150
     assert np.linalg.norm(place(out, 1) - [20.0 + 0.08 * 199, 30.0]) < 1.0
+
+
+def test_the_line_of_a_source_that_is_not_seen_does_not_reach_a_star_later() -> None:
+    def ray(u: float, v: float) -> np.ndarray:
+        w = np.array([[u * PIXEL, v * PIXEL, 1.0]])
+        return w / np.linalg.norm(w)
+
+    resting, variance = RestingSources(), np.array([(SIGMA_PX * PIXEL) ** 2])
+    for k in range(9):
+        at = resting.matched(ray(0.15 * k, 0.0), variance, k)
+        resting.update(at, ray(0.15 * k, 0.0), variance, np.array([-9.0]), k)
+    assert len(resting) == 1
+    assert resting.matched(ray(1.35, 0.0), variance, 9.0).tolist() == [0]
+    for k in range(9, 20):
+        resting.update(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros(0), np.zeros(0), k)
+    assert resting.matched(ray(3.0, 0.0), variance, 20.0).tolist() == [-1]
 
 
 def test_a_source_in_a_fixed_pixel_is_an_object_only_if_its_shape_excludes_a_defect() -> None:
