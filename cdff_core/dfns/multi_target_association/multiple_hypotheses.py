@@ -32,8 +32,8 @@ TENTATIVE, CONFIRMED, COASTING, LOST = range(4)
 UNDECIDED, MOVING, RESTING, DEFECT = range(4)
 #: Smallest number of false sources that an image is assumed to have.
 _MIN_FALSE = 3.0
-#: Path of an object that moves, in units of the distance of sources that can be separated. The centroid of faint
-#: stars in front of each other moves by up to this distance, and by more if a third one is near.
+#: Path of an object that moves, in units of the distance of sources that can be separated. The centroid of
+#: faint stars in front of each other moves by up to this distance, and by more if a third one is near.
 _MIN_PATH = 1.5
 #: A confirmed object with at least this number of sources coasts; with fewer it ends after twice as many
 #: images without a source as it had sources.
