@@ -32,9 +32,9 @@ TENTATIVE, CONFIRMED, COASTING, LOST = range(4)
 UNDECIDED, MOVING, RESTING, DEFECT = range(4)
 #: Smallest number of false sources that an image is assumed to have.
 _MIN_FALSE = 3.0
-#: Path of an object that moves, in units of the distance of sources that can be separated. The centroid of
-#: faint stars in front of each other moves by up to this distance, and by more if a third one is near.
-_MIN_PATH = 1.5
+#: Path of an object that moves, beyond the distance of sources that can be separated: standard deviations of
+#: the difference of two sources. The centroid of stars in front of each other moves by up to this distance.
+_PATH_SIGMAS = 4.0
 #: A confirmed object with at least this number of sources coasts; with fewer it ends after twice as many
 #: images without a source as it had sources.
 _ESTABLISHED = 10
@@ -172,7 +172,7 @@ class MultipleHypotheses(Interface[MultipleHypothesesConfig]):
         candidates = self._candidates(inputs, is_known)
         self._hypotheses = self._extend_hypotheses(predicted, candidates, obstacles, inputs)
         best = self._without_repetitions(self._prune_hypotheses())
-        self._confirm(best, inputs.stamp, inputs.blend_angle)
+        self._confirm(best, inputs.stamp, inputs.blend_angle, variances)
         used = self._used_sources(best)
         self._learn_resting(inputs, at_rest, variances, used, time_s)
         best = self._add_slow(best, time_s, inputs.stamp, inputs.blend_angle)
@@ -275,17 +275,17 @@ class MultipleHypotheses(Interface[MultipleHypothesesConfig]):
         self._hypotheses = self._hypotheses.selected(is_kept)
         return np.asarray(new_row[best[~removed]])
 
-    def _confirm(self, best: IntArray, stamp_ns: int, blend_angle: float) -> None:
+    def _confirm(self, best: IntArray, stamp_ns: int, blend_angle: float, variances: FloatArray) -> None:
         """Confirm objects whose score and motion exclude chance; note the time of the sources of all."""
         h = self._hypotheses.selected(best)
         significance = motion_significance(h.states) if len(h) else np.zeros(0)
         pixel_path = np.linalg.norm(h.high_px - h.low_px, axis=1)
         # An object at rest in the image could be a defect of the sensor; only its shape excludes a defect.
         is_point = (pixel_path > 1.0) | (h.evidence < _NO_DEFECT)
-        # The centroid of a star in front of others moves by parts of their distance.
         path = np.linalg.norm(h.states.directions - h.starts, axis=1)
+        variance = variances[h.sources] if len(variances) else np.zeros(len(h))
         is_new = (
-            (path > _MIN_PATH * blend_angle)
+            (path > blend_angle + _PATH_SIGMAS * np.sqrt(2.0 * variance))
             & (h.scores > self.config.confirm_score)
             & (h.hits >= self.config.confirm_hits)
             & (h.sources >= 0)
@@ -324,7 +324,7 @@ class MultipleHypotheses(Interface[MultipleHypothesesConfig]):
 
     def _add_slow(self, best: IntArray, time_s: float, stamp_ns: int, blend_angle: float) -> IntArray:
         """Confirm the sources of the map that have moved."""
-        states, evidence = self._resting.take_moving(time_s, _MIN_PATH * blend_angle)
+        states, evidence = self._resting.take_moving(time_s, blend_angle)
         if len(states) == 0:
             return best
         objects = self._new_objects(len(states))

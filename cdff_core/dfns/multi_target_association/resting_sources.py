@@ -120,9 +120,8 @@ class RestingSources:
 
         The slope of the line must exceed its error, which follows from the scatter of the sightings
         about the line
-        where that is larger than the stated error, and the source must have moved by more than the
-        scatter and
-        ``min_path_rad``.
+        where that is larger than the stated error, and the source must have moved by more than
+        ``min_path_rad`` and the scatter together.
         """
         n, t, tt, x, y, tx, ty, rr, evidence = self._sums.T
         spread = tt - t * t / n
@@ -138,7 +137,7 @@ class RestingSources:
         length = np.linalg.norm(slope, axis=1) * np.sqrt(12.0 * spread / n)
         moving = (
             (significance > _MIN_SIGNIFICANCE)
-            & (length > np.maximum(6.0 * np.sqrt(variance), min_path_rad))
+            & (length > min_path_rad + 6.0 * np.sqrt(variance))
             & (evidence < 0.0)
         )
         moving_rows = candidates[moving]
