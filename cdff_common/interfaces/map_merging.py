@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
 from pydantic import Field
 
@@ -14,7 +14,11 @@ from cdff_common.interfaces.dfn import StrictModel
 class MergingConfig(StrictModel):
     """Selection and matching of the keyframes of two robots, and thresholds of frame revisions."""
 
-    matching: dict[str, Any] = Field({}, description="Parameters of PointCloudMatching")
+    maps: Literal["lidar", "visual"] = Field(
+        "lidar",
+        description="Merged maps: pose graphs with clouds, or visual maps (product visual_map)",
+    )
+    matching: dict[str, Any] = Field({}, description="Parameters of PointCloudMatching; only for lidar maps")
     optimise: dict[str, Any] = Field({"robust": "gnc"}, description="Parameters of PoseGraphOptimization")
     search_radius_m: float = Field(
         12.0,

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Access of map merging to the DPM: pose graphs, clouds and anchors."""
+"""Access of map merging to the DPM: pose graphs, clouds or visual maps, and anchors."""
 
 from __future__ import annotations
 
@@ -18,10 +18,13 @@ from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.interfaces.map_merging import MergingConfig
 from cdff_common.interfaces.product import Header, Quality, product_id
 from cdff_common.types import Pointcloud, PoseGraph
+from cdff_common.types.visual_map_ext import KeyframePoints
 from cdff_core.map_merging.joint_pose_graph import PRODUCER, SITE, MergedMaps
 from cdff_core.map_merging.robot_maps import KeyframeId, RobotMap
 from services.signing import Sign
 
+#: Product of a visual map.
+VISUAL_MAP = "visual_map"
 #: Timeout of a call; no client waits for the merging, so that it can wait for a busy DPM.
 _CALL_S = 60.0
 #: Author of the revisions by ``write`` in the DPM.
@@ -41,6 +44,8 @@ class MapArchive:
 
     def __init__(self, bus: Bus, config: MergingConfig, sign: Sign | None = None) -> None:
         self._bus, self._config, self._sign = bus, config, sign
+        self._graphs: dict[str, PoseGraph] = {}
+        self._points: dict[str, dict[int, KeyframePoints]] = {}
         self._revisions: dict[str, int] = {}
         self._inputs: dict[str, str] = {}
 
@@ -55,7 +60,7 @@ class MapArchive:
             If the parent of the frame is not the site, or the survey has no covariance.
         """
         try:
-            graph, header = self._newest_graph(robot)
+            graph, header = self._newest_map(robot)
             parameters = {"frame": header.frame}
             revisions = self._bus.call(
                 keys.dpm_rpc(keys.GROUND, "frames"), parameters, timeout_s=_CALL_S
@@ -81,6 +86,21 @@ class MapArchive:
             return self._newest_graph(keys.GROUND)[0]
         except ProductNotFoundError:
             return None
+
+    def local_points(self, robot_map: RobotMap, keyframe: KeyframeId) -> KeyframePoints:
+        """Return the points of a keyframe of a visual map, in its frame.
+
+        Raises
+        ------
+        ProductNotFoundError
+            If the visual map does not contain the keyframe.
+        """
+        points = self._points.get(robot_map.robot, {}).get(keyframe.stamp_ns)
+        if points is None:
+            raise ProductNotFoundError(
+                f"visual map of {keyframe.robot}: no keyframe at {keyframe.stamp_ns} ns"
+            )
+        return points
 
     def local_cloud(self, robot_map: RobotMap, keyframe: KeyframeId) -> Pointcloud:
         """Return the points around a keyframe, in its frame.
@@ -168,6 +188,20 @@ class MapArchive:
                 )
         self._bus.call(keys.dpm_rpc(keys.GROUND, "transact"), payload=pack(changes), timeout_s=_CALL_S)
         return header.id
+
+    def _newest_map(self, robot: str) -> tuple[PoseGraph, Header]:
+        """Return the graph of the newest map of a robot; the points of a visual map are stored."""
+        if self._config.maps == "lidar":
+            return self._newest_graph(robot)
+        parameters = {"type": VISUAL_MAP, "robot": robot}
+        reply = self._bus.call(keys.dpm_rpc(keys.GROUND, "get"), parameters, timeout_s=_CALL_S)
+        header = Header.from_dict(reply.attachment)
+        if self._inputs.get(robot) != header.id:  # the points are read once
+            visual_map = decode_payload(reply.payload, reply.encoding)
+            stamps_ns = visual_map.graph.vertices.stamps_ns.tolist()
+            self._points[robot] = dict(zip(stamps_ns, visual_map.keyframes, strict=True))
+            self._graphs[robot] = visual_map.graph
+        return self._graphs[robot], header
 
     def _newest_graph(self, robot: str) -> tuple[PoseGraph, Header]:
         parameters = {"type": "pose_graph", "robot": robot}

@@ -16,11 +16,11 @@ from cdff_common.bus.message import on_map
 from cdff_common.clock import monotonic_s
 from cdff_common.errors import CdffError, ProductNotFoundError
 from cdff_common.interfaces.map_merging import MergingConfig
-from cdff_common.types import Pointcloud
 from cdff_core.map_merging.joint_pose_graph import MapMerger, MergedMaps, closures_in_graph
-from cdff_core.map_merging.loop_closure import InterRobotCloser, Pair
+from cdff_core.map_merging.loop_closure import LidarCloser, Pair
 from cdff_core.map_merging.robot_maps import Closure, KeyframeId, RobotMap
-from services.map_merging.archive import MapArchive
+from cdff_core.map_merging.visual_closure import VisualCloser
+from services.map_merging.archive import VISUAL_MAP, MapArchive
 
 logger = logging.getLogger(__name__)
 
@@ -36,7 +36,7 @@ def follow(bus: Bus, rounds: MergingRounds, stop: threading.Event) -> None:
 
     def on_inserted(key: str, body: dict[str, Any]) -> None:
         is_joint_graph = key.split("/")[2] == keys.GROUND
-        if body.get("product") == "pose_graph" and not is_joint_graph:
+        if body.get("product") in ("pose_graph", VISUAL_MAP) and not is_joint_graph:
             has_new_graph.set()
 
     bus.subscribe(keys.event("*", "inserted"), on_map(on_inserted), depth=1024)
@@ -73,7 +73,10 @@ class MergingRounds:
 
     def __init__(self, archive: MapArchive, config: MergingConfig, robots: Sequence[str]) -> None:
         self._archive, self._config, self._robots = archive, config, tuple(robots)
-        self._closer, self._merger = InterRobotCloser(config), MapMerger(config, robots)
+        self._closer: LidarCloser | VisualCloser = (
+            LidarCloser(config) if config.maps == "lidar" else VisualCloser(config)
+        )
+        self._merger = MapMerger(config, robots)
         self._closures: list[Closure] | None = None
         self._unwritten = False
 
@@ -100,27 +103,28 @@ class MergingRounds:
 
     def _compare_pairs(self, maps: Sequence[RobotMap]) -> tuple[list[Closure], int]:
         """Return the new closures and the number of compared pairs."""
-        clouds: dict[KeyframeId, Pointcloud] = {}
+        places: dict[KeyframeId, Any] = {}
+        read = self._archive.local_cloud if self._config.maps == "lidar" else self._archive.local_points
         by_robot = {m.robot: m for m in maps}
         closures, compared = [], 0
         for pair in self._closer.pairs(maps, self._closures or ()):
             try:
                 for keyframe in pair:
-                    if keyframe not in clouds:
-                        clouds[keyframe] = self._archive.local_cloud(by_robot[keyframe.robot], keyframe)
+                    if keyframe not in places:
+                        places[keyframe] = read(by_robot[keyframe.robot], keyframe)
             except ProductNotFoundError:
                 continue  # its clouds have not arrived yet
             compared += 1
-            closure = self._compare(pair, clouds, by_robot)
+            closure = self._compare(pair, places, by_robot)
             if closure is not None:
                 closures.append(closure)
         return closures, compared
 
     def _compare(
-        self, pair: Pair, clouds: dict[KeyframeId, Pointcloud], maps: dict[str, RobotMap]
+        self, pair: Pair, places: dict[KeyframeId, Any], maps: dict[str, RobotMap]
     ) -> Closure | None:
         keyframes = sum(len(maps[keyframe.robot].keyframes) for keyframe in pair)
-        closure = self._closer.compare(pair, clouds[pair[0]], clouds[pair[1]], keyframes)
+        closure = self._closer.compare(pair, places[pair[0]], places[pair[1]], keyframes)
         names = " and ".join(f"{keyframe.robot} at {keyframe.stamp_ns}" for keyframe in pair)
         logger.info("%s: %s", names, "loop closed" if closure is not None else "no loop closure")
         return closure

@@ -11,7 +11,7 @@ from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.geometry.se3 import FloatArray
 from cdff_common.interfaces.map_merging import MergingConfig
 from cdff_common.types import Pointcloud, PoseGraph
-from cdff_core.map_merging.loop_closure import InterRobotCloser
+from cdff_core.map_merging.loop_closure import LidarCloser
 from cdff_core.map_merging.robot_maps import Closure, KeyframeId, RobotMap
 
 T_FIRST_SECOND = se3.exp_se3([1.5, -0.7, 0.1, 0.01, 0.02, 0.6])
@@ -49,7 +49,7 @@ def ground(rng: np.random.Generator, T: FloatArray) -> Pointcloud:
 
 
 def test_pairs_are_ordered_by_distance_within_the_radius() -> None:
-    closer = InterRobotCloser(MergingConfig(search_radius_m=6.0))
+    closer = LidarCloser(MergingConfig(search_radius_m=6.0))
     pairs = closer.pairs([robot_map("minnie", [4.0, 20.0]), robot_map("mana", [0.0, 5.0, 50.0])], [])
     assert pairs == [
         (KeyframeId("mana", 2000), KeyframeId("minnie", 1000)),
@@ -58,7 +58,7 @@ def test_pairs_are_ordered_by_distance_within_the_radius() -> None:
 
 
 def test_an_imprecise_anchor_widens_the_search() -> None:
-    closer = InterRobotCloser(MergingConfig(search_radius_m=6.0))
+    closer = LidarCloser(MergingConfig(search_radius_m=6.0))
     assert not closer.pairs([robot_map("mana", [0.0]), robot_map("minnie", [8.0])], [])
     assert closer.pairs([robot_map("mana", [0.0]), robot_map("minnie", [8.0], sigma_m=3.0)], [])
 
@@ -68,12 +68,12 @@ def test_keyframes_with_a_closure_are_not_compared_again() -> None:
     closure = Closure(
         KeyframeId("mana", 1000), KeyframeId("minnie", 1000), UncertainTransform(np.eye(4), np.eye(6))
     )
-    assert not InterRobotCloser(MergingConfig()).pairs(maps, [closure])
+    assert not LidarCloser(MergingConfig()).pairs(maps, [closure])
 
 
 @pytest.mark.req("CDFF-SUP-191")
 def test_clouds_of_the_same_terrain_are_registered_without_a_guess(rng: np.random.Generator) -> None:
-    closer = InterRobotCloser(MergingConfig())
+    closer = LidarCloser(MergingConfig())
     pair = (KeyframeId("mana", 1000), KeyframeId("minnie", 1000))
     loop = closer.compare(pair, ground(rng, np.eye(4)), ground(rng, T_FIRST_SECOND), 2)
     assert loop is not None
@@ -83,7 +83,7 @@ def test_clouds_of_the_same_terrain_are_registered_without_a_guess(rng: np.rando
 def test_a_refused_pair_is_compared_again_only_when_the_maps_have_grown(
     rng: np.random.Generator,
 ) -> None:
-    closer = InterRobotCloser(MergingConfig(search_radius_m=100.0))
+    closer = LidarCloser(MergingConfig(search_radius_m=100.0))
     maps = [robot_map("mana", [0.0]), robot_map("minnie", [1.0])]
     (pair,) = closer.pairs(maps, [])
     noise = Pointcloud.from_points(
