@@ -15,12 +15,13 @@ from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.geometry.covariance import compose_covariance
 from cdff_common.interfaces.dfpc import Output, Sample
 from cdff_common.interfaces.product import Quality
-from cdff_common.types import Frame, Pointcloud, TransformWithCovariance
+from cdff_common.types import Frame, FramePair, Pointcloud, TransformWithCovariance
 from cdff_core.dfpcs.visual_localisation.configuration import VisualLocalisationConfig
 from cdff_core.dfpcs.visual_localisation.interface import VisualLocalisationInterface
 from cdff_core.dfpcs.visual_localisation.map_matcher import MapMatcher
 from cdff_core.imaging.frames import check_principal_point
 from cdff_core.imaging.grey import checked_image, grey_image
+from cdff_core.visual_map.camera_order import check_camera_order
 from cdff_core.visual_map.camera_pose import CameraPose, CameraPoseSolver
 from cdff_core.visual_map.features import FeatureExtractor
 from cdff_core.visual_map.focal_length import FocalMonitor, FocalRatio, fit_focal_ratio
@@ -40,7 +41,7 @@ class VisualLocalisation(VisualLocalisationInterface):
     def setup(self) -> None:
         """Create the DFNs, clear the state, offer the store items."""
         self._extractor = FeatureExtractor(self.dfn("detect"), self.dfn("describe"))
-        self._match = self.dfn("match")
+        self._match, self._stereo = self.dfn("match"), self.dfn("disparity")
         self._pose_solver = CameraPoseSolver(
             self.dfn("solve", seed=self.context.seed), self.config.sigma_px, self.config.gate
         )
@@ -76,10 +77,8 @@ class VisualLocalisation(VisualLocalisationInterface):
         return [self._localise(sample)]
 
     def on_pair(self, sample: Sample) -> Iterable[Output]:
-        """Locate the left image."""
-        return self.on_image(
-            Sample(sample.port, sample.stamp_ns, sample.seq, sample.value.left, sample.id, sample.frame)
-        )
+        """Locate the left image; the right one only shows whether the cameras are swapped."""
+        return self.on_image(sample)
 
     def finish(self) -> Iterable[Output]:
         """Return FAILED no_map for the images that still wait."""
@@ -88,24 +87,29 @@ class VisualLocalisation(VisualLocalisationInterface):
 
     def _localise(self, sample: Sample) -> Output:
         """Run the control sequence for one image."""
-        frame: Frame = sample.value
         metrics: dict[str, float] = {}
         try:
-            pose, reasons = self._estimate(frame, metrics)
+            pose, reasons = self._estimate(sample.value, metrics)
             quality = Quality.from_reasons(reasons, self.covariance_kind, metrics)
         except (InputError, RefusedError) as error:
             pose, quality = None, Quality.from_error(error, metrics)
-            if isinstance(error, RefusedError):
+            if isinstance(error, RefusedError) and not quality.reasons[0].startswith("cameras_swapped"):
                 quality = Quality.failed("not_on_the_map", *quality.reasons, metrics=metrics)
         return self._output(sample, pose, quality)
 
-    def _estimate(self, frame: Frame, metrics: dict[str, float]) -> tuple[UncertainTransform, list[str]]:
+    def _estimate(
+        self, value: Frame | FramePair, metrics: dict[str, float]
+    ) -> tuple[UncertainTransform, list[str]]:
         """Return T_map_camera and its deficiencies; raises RefusedError with the reasons against it."""
         assert self._map is not None
         cfg = self.config
+        frame = _left(value)
         camera = CameraModel.of_frame(frame)
         check_principal_point(frame)
-        features = self._extractor.extract(checked_image(grey_image(frame)), camera)
+        grey = checked_image(grey_image(frame))
+        features = self._extractor.extract(grey, camera)
+        if isinstance(value, FramePair):
+            check_camera_order(grey, grey_image(value.right), features.pixels, self._stereo)
         matches = self._map.match(features, cfg.candidates)
         metrics |= {"features": float(len(features)), "matches": float(len(matches))}
         focal_px = float(np.sqrt(camera.fx * camera.fy))
@@ -174,13 +178,12 @@ class VisualLocalisation(VisualLocalisationInterface):
 
     def _output(self, sample: Sample, pose: UncertainTransform | None, quality: Quality) -> Output:
         """Return the pose as an output, and store it if there is one."""
-        frame: Frame = sample.value
         output = Output.of_pose(
             "pose",
             pose,
             stamp_ns=sample.stamp_ns,
             frame="map" if self._map is None else self._map.frame,
-            child=frame.frame or f"{self.context.robot}/camera",
+            child=_left(sample.value).frame or f"{self.context.robot}/camera",
             quality=quality,
             inputs=(self._map_id, sample.id),
             producer=self.name,
@@ -193,3 +196,8 @@ class VisualLocalisation(VisualLocalisationInterface):
             return None
         step = -(-len(self._map.points_m) // _MAX_CLOUD) or 1
         return Pointcloud.from_points(self._map.points_m[::step], frame=self._map.frame, stamp_ns=0)
+
+
+def _left(value: Frame | FramePair) -> Frame:
+    """Return the image that is located."""
+    return value.left if isinstance(value, FramePair) else value

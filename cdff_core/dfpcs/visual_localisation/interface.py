@@ -32,8 +32,8 @@ class VisualLocalisationInterface(Dfpc):
 
     @abstractmethod
     def on_pair(self, sample: Sample) -> Iterable[Output]:
-        """Process an input of type FramePair. Stereo pair, of which the left image is used; yields one
-        pose.
+        """Process an input of type FramePair. Stereo pair: the left image is located, the right one
+        shows whether the cameras are swapped; yields one pose.
         """
 
     @abstractmethod

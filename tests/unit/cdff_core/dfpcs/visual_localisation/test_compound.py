@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import cv2
@@ -14,7 +15,9 @@ from cdff_common.geometry.covariance import pose_error
 from cdff_common.interfaces.dfpc import Dfpc, Output, Sample
 from cdff_common.interfaces.product import Status
 from cdff_common.interfaces.registry import Registry
-from cdff_common.types import Frame, VisualMap
+from cdff_common.types import Frame, FramePair, VisualMap
+from cdff_core.visual_map.keyframe_points import points_of_pair
+from cdff_dev.map_building.build import localisation_features
 from tests.support import textured_walls as walls
 
 T_QUERY = se3.transform(se3.exp_so3([0.03, 0.08, -0.05]), [0.15, -0.1, 0.2])
@@ -60,6 +63,61 @@ def test_the_left_image_of_a_pair_is_located() -> None:
     list(dfpc.step(Sample("map", 0, 0, wall_map())))
     (output,) = dfpc.step(Sample("pair", 0, 1, walls.pair(T_QUERY)))
     assert np.linalg.norm(pose_error(T_QUERY, output.value.transform.matrix)[:3]) < 0.02
+
+
+def located_pair(left: np.ndarray, right: np.ndarray) -> Output:
+    """Return the answer to a pair of images ``(240, 320)``."""
+    dfpc = node()
+    list(dfpc.step(Sample("map", 0, 0, wall_map())))
+    value = FramePair.from_images(left, right, baseline_m=walls.BASELINE_M, camera_matrix=walls.K, stamp_ns=0)
+    (output,) = dfpc.step(Sample("pair", 0, 1, value))
+    return output
+
+
+def test_swapped_cameras_are_refused_and_a_lost_right_camera_is_not_needed() -> None:
+    left, right = (np.array(image.image) for image in (walls.pair(T_QUERY).left, walls.pair(T_QUERY).right))
+    swapped = located_pair(right, left)
+    assert swapped.quality.status is Status.FAILED
+    assert swapped.quality.reasons[0].startswith("cameras_swapped:")
+    alone = located_pair(left, np.zeros_like(right))
+    assert alone.quality.status is Status.OK
+    assert np.linalg.norm(pose_error(T_QUERY, alone.value.transform.matrix)[:3]) < 0.02
+
+
+def test_a_map_of_a_single_keyframe_and_a_rotated_view_are_sufficient() -> None:
+    dfpc = node()
+    list(dfpc.step(Sample("map", 0, 0, walls.wall_map([np.eye(4)]))))
+    rotated = se3.transform(se3.exp_so3([0.0, 0.15, 0.0]), np.zeros(3))
+    (output,) = dfpc.step(Sample("image", 0, 1, image(rotated)))
+    assert output.quality.status is Status.OK
+    e = pose_error(rotated, output.value.transform.matrix)
+    assert np.linalg.norm(e[:3]) < 0.02
+    assert e @ np.linalg.solve(output.value.transform.covariance, e) < 30.0
+
+
+def test_a_single_plane_is_located_within_its_covariance() -> None:
+    extractor, match = localisation_features()
+    T_map = [se3.transform(np.eye(3), [x, 0.0, 0.0]) for x in (-0.2, 0.2)]
+    pairs = [walls.pair(T, planes=walls.PLANE) for T in T_map]
+    value = replace(
+        walls.wall_map(T_map),
+        points=VisualMap.from_parts(
+            walls.wall_map(T_map).graph,
+            [points_of_pair(pair, extractor, match) for pair in pairs],
+            sensor="rover/navcam",
+            stamp_ns=0,
+            descriptor_type="ROOT_SIFT",
+        ).points,
+    )
+    dfpc = node()
+    list(dfpc.step(Sample("map", 0, 0, value)))
+    frame = Frame.from_image(
+        walls.view(T_QUERY, planes=walls.PLANE), stamp_ns=0, camera_matrix=walls.K, sensor="rover/camera"
+    )
+    (output,) = dfpc.step(Sample("image", 0, 1, frame))
+    assert output.quality.status is not Status.FAILED
+    e = pose_error(T_QUERY, output.value.transform.matrix)
+    assert e @ np.linalg.solve(output.value.transform.covariance, e) < 30.0
 
 
 def test_an_image_of_another_scene_is_refused() -> None:

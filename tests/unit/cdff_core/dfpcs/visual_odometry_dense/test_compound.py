@@ -175,6 +175,24 @@ def test_the_opposite_view_is_refused(pairs: list[FramePair]) -> None:
     assert output.quality.reasons[0].split(":")[0] in {"low_correlation", "low_overlap"}
 
 
+def test_a_single_pair_is_the_origin_and_a_wrong_camera_matrix_is_refused(pairs: list[FramePair]) -> None:
+    dfpc = make_configured_dfpc()
+    first = step(dfpc, pairs[0], 0)
+    np.testing.assert_allclose(first.value.transform.matrix, np.eye(4), atol=1e-12)
+    assert len(dfpc.call("get_trajectory", {}).stamps_ns) == 1
+    left, right = (np.array(image.image) for image in (pairs[1].left, pairs[1].right))
+    wrong = FramePair.from_images(
+        left,
+        right,
+        baseline_m=BASELINE_M,
+        camera_matrix=np.diag([2.0, 2.0, 1.0]) @ CAMERA,
+        stamp_ns=STEP_NS,
+    )
+    refused = step(dfpc, wrong, 1)
+    assert refused.quality.status is Status.FAILED
+    assert "principal point" in refused.quality.reasons[0]
+
+
 def test_swapped_cameras_are_refused(pairs: list[FramePair]) -> None:
     swapped = pair_of(np.array(pairs[0].right.image), np.array(pairs[0].left.image), 0)
     output = step(make_configured_dfpc(), swapped, 0)

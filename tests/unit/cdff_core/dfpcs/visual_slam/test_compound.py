@@ -277,6 +277,26 @@ def test_swapped_cameras_are_refused() -> None:
     assert output.quality.status is Status.FAILED
 
 
+def test_a_single_pair_is_the_origin_of_a_map_of_one_keyframe() -> None:
+    dfpc = node()
+    (output,) = run(dfpc, [pair(0)])
+    assert output.quality.status is Status.OK
+    np.testing.assert_allclose(output.value.transform.matrix, np.eye(4))
+    outputs = {o.port: o for o in dfpc.finish()}
+    assert len(outputs["map"].value.keyframes) == 1
+    assert len(outputs["trajectory"].value.stamps_ns) == 1
+
+
+def test_a_camera_matrix_of_another_image_size_is_refused() -> None:
+    left, right = (np.array(image.image) for image in (pair(0).left, pair(0).right))
+    wrong = FramePair.from_images(
+        left, right, baseline_m=walls.BASELINE_M, camera_matrix=np.diag([2.0, 2.0, 1.0]) @ walls.K, stamp_ns=0
+    )
+    (output,) = run(node(), [wrong])
+    assert output.quality.status is Status.FAILED
+    assert "principal point" in output.quality.reasons[0]
+
+
 def test_forget_starts_again() -> None:
     dfpc = node()
     run(dfpc, [pair(0), pair(1)])
