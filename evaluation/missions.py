@@ -17,13 +17,22 @@ from pathlib import Path
 from typing import Any
 
 from cdff_common.errors import UnavailableError
+from cdff_common.interfaces.yaml_file import read_mapping
 from cdff_common.resources import deploy_folder
 from cdff_dev.missions.orbit.script import is_orbital
 from cdff_dev.ports import free_port
 
-#: Missions; each can be run separately.
+_FILES = [path for path in sorted((deploy_folder() / "missions").glob("*.yaml")) if not is_orbital(path)]
+#: Suffix of the variant of a mission whose rover has cameras only.
+_CAMERAS = "_without_lidar"
+#: Missions and their variants; each can be run separately.
 PARTS = tuple(
-    path.stem for path in sorted((deploy_folder() / "missions").glob("*.yaml")) if not is_orbital(path)
+    name
+    for path in _FILES
+    for name in (
+        path.stem,
+        *((f"{path.stem}{_CAMERAS}",) if "without_lidar" in read_mapping(path) else ()),
+    )
 )
 
 
@@ -43,7 +52,8 @@ def _run_mission(name: str) -> dict[str, Any]:
         "-m",
         "cdff_common.cli",
         "mission",
-        name,
+        name.removesuffix(_CAMERAS),
+        *(("--without-lidar",) if name.endswith(_CAMERAS) else ()),
         "--json",
         "--http",
         http,

@@ -88,10 +88,13 @@ class OutputPort(Port):
     product : str or None
     absolute : bool
         Files of the trajectory contain the poses as they are, not relative to the first one.
+    of_sensor : bool
+        The pose is that of a sensor, not that of the base of the robot.
     """
 
     product: Annotated[str, Field(pattern=rf"^{KEY_NAME}$")] | None = None
     absolute: bool = False
+    of_sensor: bool = False
 
 
 class Cost(StrictModel):

@@ -119,7 +119,12 @@ def description_of(robot: Robot, entry: DfpcEntry, description: DfpcDescription)
             for p in description.input_ports
         ],
         "outputs": [
-            {"port": p.attribute, "type": p.type_name, "product": p.product or ""}
+            {
+                "port": p.attribute,
+                "type": p.type_name,
+                "product": p.product or "",
+                "of_sensor": p.of_sensor,
+            }
             for p in description.output_ports
         ],
         "modes": robot.modes_of(entry),
@@ -223,6 +228,9 @@ def provider_of(
             unavailable_reason=unavailable_reason,
             adjustables=adjustables_of(description),
             accuracy=_described_accuracy(description),
+            sensor_products=frozenset(
+                str(o["product"]) for o in description["outputs"] if o.get("of_sensor", False)
+            ),
         )
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise InputError(f"description of a DFPC: {type(error).__name__} {error}") from error

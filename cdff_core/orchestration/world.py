@@ -90,6 +90,7 @@ class Provider:
     unavailable_reason: str = ""  # reason why it is not available
     adjustables: tuple[Adjustable, ...] = ()  # parameters that requests adjust
     accuracy: Accuracy | None = None  # described accuracy of its product; None if not described
+    sensor_products: frozenset[str] = frozenset()  # products that are poses of a sensor, not of the base
     #: The same DFPC with other implementations that a plan may select.
     alternatives: tuple[Provider, ...] = ()
 

@@ -46,6 +46,11 @@ def register(nouns: Any) -> None:
     parser.add_argument(
         "--speed", type=float, metavar="X", help="mission seconds per second (default: the mission's)"
     )
+    parser.add_argument(
+        "--without-lidar",
+        action="store_true",
+        help="run the variant of the mission whose rover has cameras only",
+    )
     parser.add_argument("--json", action="store_true", help="print the score as JSON")
     parser.set_defaults(run=_mission, parser=parser)
 
@@ -119,6 +124,7 @@ def keep_logs(stage: Stage, print_line: Callable[[str], None]) -> None:
 
 def _mission(args: argparse.Namespace) -> int:
     """Run a mission; return 0 if all its limits are met, else 1."""
+    from cdff_common.errors import ConfigurationError
     from cdff_common.interfaces.profile import load_profile
     from cdff_common.resources import resolve
     from cdff_dev.missions.mission_run import run
@@ -132,8 +138,12 @@ def _mission(args: argparse.Namespace) -> int:
         return print_shipped("missions", as_json=args.json)
     path = resolve("missions", args.mission)
     if is_orbital(path):
+        if args.without_lidar:
+            raise ConfigurationError(
+                f"--without-lidar: {path.stem} is a mission in orbit, expected one with rovers"
+            )
         return _orbit_mission(args, path)
-    mission = load_mission(path)
+    mission = load_mission(path, without_lidar=args.without_lidar)
     profile_path = _checked_profile_path(args, mission.profile)
     scenario = load_scenario(mission.scenario, args.seed)
     check_fits(mission, load_profile(profile_path), scenario)

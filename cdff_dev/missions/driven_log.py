@@ -15,6 +15,7 @@ from cdff_common.geometry.se3 import FloatArray
 from cdff_dev.logs import LogSample, LogWriter
 from cdff_dev.logs.source import LogSource, StreamInfo
 from cdff_dev.missions.rover import Rover
+from cdff_dev.simulate.camera import camera_of_world
 from cdff_dev.simulate.world import World, cast_scene
 
 #: Type of each stream of a rover.
@@ -23,6 +24,8 @@ STREAMS = {
     "wheels.odometry": "TransformWithCovariance",
     "lidar.scan": "LidarScan",
 }
+#: Type of each stream of the stereo camera.
+CAMERA_STREAMS = {"navcam.pair": "FramePair"}
 #: Upper bound of the size of a scan per point, bytes: position, time, intensity and ring.
 _POINT_BYTES = 20
 #: Longest mission, seconds: a log must state its end before it is played.
@@ -42,13 +45,20 @@ class GrowingLog(LogSource):
 
     def __init__(self, world: World, truth: LogWriter | None) -> None:
         scenario = world.scenario
-        if scenario.navcam is not None:
-            raise InputError(f"scenario {scenario.name}: driven rovers have no cameras; remove navcam")
+        if scenario.rovers_in_view is not None:
+            raise InputError(
+                f"scenario {scenario.name}: rovers_in_view: expected none, because driven rovers are "
+                "not visible in images; remove the section"
+            )
         scene = cast_scene(world.relief, world.rocks)
+        camera = camera_of_world(world, scene)
         wheel_relief = world.relief.smoothed(
             scenario.chassis.wheel_footprint_m / float(np.min(np.diff(world.relief.x_m)))
         )
-        self.rovers = {robot: Rover(world, robot, scene, wheel_relief) for robot in sorted(scenario.robots)}
+        self._stream_types = STREAMS | ({} if camera is None else CAMERA_STREAMS)
+        self.rovers = {
+            robot: Rover(world, robot, scene, wheel_relief, camera) for robot in sorted(scenario.robots)
+        }
         self._epoch_ns = scenario.epoch_ns
         self._tick_ns = round(NS_PER_S / scenario.lidar.rate_hz)
         self._truth = truth
@@ -56,7 +66,10 @@ class GrowingLog(LogSource):
         self._lock = threading.Lock()
         self._closed = threading.Event()
         #: Size of the samples of two ticks, bytes: the player reads no further ahead.
-        self.ahead_bytes = 2 * len(self.rovers) * scenario.lidar.rings * scenario.lidar.columns * _POINT_BYTES
+        tick_bytes = scenario.lidar.rings * scenario.lidar.columns * _POINT_BYTES
+        if camera is not None:
+            tick_bytes += 2 * camera.model.rows * camera.model.columns
+        self.ahead_bytes = 2 * len(self.rovers) * tick_bytes
 
     @property
     def streams(self) -> dict[str, StreamInfo]:
@@ -65,7 +78,7 @@ class GrowingLog(LogSource):
         return {
             f"/{robot}/{stream}": StreamInfo(type_name, 0, self._epoch_ns, end_ns)
             for robot in self.rovers
-            for stream, type_name in STREAMS.items()
+            for stream, type_name in self._stream_types.items()
         }
 
     def ready_ns(self) -> int:

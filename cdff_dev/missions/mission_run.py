@@ -18,6 +18,7 @@ from cdff_common.errors import CdffError, ProductNotFoundError
 from cdff_common.mission_clock import MissionClock
 from cdff_common.types import ElevationMap
 from cdff_dev.missions.autonomy import Arrival, Autonomy
+from cdff_dev.missions.earlier_drive import located_images, map_of_drive, store_visual_map
 from cdff_dev.missions.orbital_map import simulate_orbital_model, store_orbital_model
 from cdff_dev.missions.report import Report, elevation_around, resource_usage
 from cdff_dev.missions.requests import Outcome, run_requests, wait_for_clock
@@ -75,6 +76,13 @@ def run(
         T_site_odom = profile.robot(robot).frame_graph().lookup("site", f"{robot}/odom", 0).matrix
         orbital = simulate_orbital_model(make_world(scenario), robot, T_site_odom, mission.orbital)
         store_orbital_model(bus, orbital, mission.orbital.robot)
+    if mission.earlier_drive is not None:
+        print_line(
+            f"simulating the drive of scenario {mission.earlier_drive.scenario} and mapping its images"
+        )
+        visual_map = map_of_drive(mission.earlier_drive)
+        store_visual_map(bus, visual_map, mission.earlier_drive.robot)
+        print_line(f"  {len(visual_map.keyframes)} keyframes are stored in the DPM")
     truth_log = stage.log_dir.parent / "truth"
     stage.drive(mission.scenario, scenario.seed, speed, truth_log)
     print_line(f"simulating the terrain of scenario {mission.scenario}")
@@ -84,10 +92,12 @@ def run(
     mission_s, run_s = (clock.now_ns() - start_ns) / NS_PER_S, time.monotonic() - start_s
     print_line(f"{mission_s:.0f} s of mission time in {run_s:.0f} s; comparing with the ground truth")
     stage.check_running()
+    located = list(located_images(bus, mission)) if mission.earlier_drive is not None else []
     processes = resource_usage(stage.supervisor_pid)  # before end_drive(), while all services still run
     stage.end_drive()
     truths = transform_to_site(read_truth(truth_log, list(mission.robots)), profile)
     remarks, faults = _relative_position(mission, stage, truths)
+    remarks += located
     arrivals = [arrival for rover in rovers for arrival in rover.arrivals]
     tracks = [estimated_track(profile, robot, stage.http, truth) for robot, truth in truths.items()]
     score = _score(mission, scenario, truths, tracks, arrivals, unfinished, stage, bus)

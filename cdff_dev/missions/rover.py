@@ -26,6 +26,7 @@ from cdff_dev.missions.motion import (
     motion_at_rest,
     sharpest_turn_rad,
 )
+from cdff_dev.simulate.camera import StereoCamera, pair_of_images
 from cdff_dev.simulate.lidar import scan
 from cdff_dev.simulate.proprioception import imu_readings, wheel_odometry
 from cdff_dev.simulate.relief import Relief
@@ -40,6 +41,8 @@ _PERSISTENT = (
     "acc_walk_m_s3_sqrt_hz",
     "gyro_walk_rad_s2_sqrt_hz",
 )
+#: Last index of the random numbers of images, which differ from those of ``cdff simulate``.
+_DRIVEN = 1
 #: Largest distance of the start of a path from the rover, and smallest extent of a path, metres.
 _PATH_TOLERANCE_M = 0.01
 
@@ -72,14 +75,24 @@ class Rover:
         Terrain and rocks of the world.
     wheel_relief : Relief
         Terrain smoothed over the footprint of a wheel.
+    camera : StereoCamera, optional
+        Camera of the world, if its scenario has one.
 
     Notes
     -----
     Not thread-safe: ``GrowingLog`` serialises commands and sampling.
     """
 
-    def __init__(self, world: World, robot: str, scene: Any, wheel_relief: Relief) -> None:
+    def __init__(
+        self,
+        world: World,
+        robot: str,
+        scene: Any,
+        wheel_relief: Relief,
+        camera: StereoCamera | None = None,
+    ) -> None:
         self._world, self._scenario, self.robot = world, world.scenario, robot
+        self._camera = camera
         if self._scenario.faults is not None:
             raise ConfigurationError(
                 f"scenario {self._scenario.name}: faults: expected none, because driven rovers do not "
@@ -96,6 +109,7 @@ class Rover:
                 ("imu", self._scenario.imu.rate_hz),
                 ("wheels", self._scenario.wheels.rate_hz),
                 ("truth", self._scenario.truth_rate_hz),
+                *((("navcam", camera.model.rate_hz),) if camera is not None else ()),
             )
         }
         rng = generator(self._scenario, "imu", self._index)
@@ -198,6 +212,18 @@ class Rover:
             pose = UncertainTransform.exact(T)
             yield self._pose_sample("truth.pose", pose, "site", self._stamp_ns(leg, "truth", int(k)))
         yield self._lidar_sample(leg, tick)
+        if self._camera is not None:
+            pairs = self._samples_per_tick["navcam"]
+            for i in range(ticks * pairs, (ticks + 1) * pairs):
+                yield self._camera_sample(self._camera, leg, i)
+
+    def _camera_sample(self, camera: StereoCamera, leg: Leg, row: int) -> LogSample:
+        """Return a stereo pair of a leg; all its rows are exposed at one time."""
+        stamp_ns, frame = self._stamp_ns(leg, "navcam", row), f"{self.robot}/navcam_left"
+        rng = generator(self._scenario, "navcam", self._index, self._counts["navcam.pair"], _DRIVEN)
+        T_site_base = leg.motion.poses(np.array([row / camera.model.rate_hz]))[0]
+        value = pair_of_images(camera.model, camera.pair(T_site_base, rng), stamp_ns, frame)
+        return self._sample("navcam.pair", value, stamp_ns, stamp_ns, frame)
 
     def _lidar_sample(self, leg: Leg, tick: int) -> LogSample:
         """Return the lidar scan that starts at a tick."""

@@ -186,8 +186,19 @@ class OrbitalModel(StrictModel):
     correlation_length_m: Positive = 1.5
 
 
+class EarlierDrive(StrictModel):
+    """An earlier drive whose images become the visual map of ``robot`` in the DPM, before the mission.
+
+    The rover follows the path of ``scenario``; ``visual_slam`` makes the map, whose frame is ``frame``.
+    """
+
+    scenario: str
+    robot: str
+    frame: str
+
+
 class Mission(StrictModel):
-    """Contents of a mission file."""
+    """Contents of a mission file without ``without_lidar``, see ``load_mission``."""
 
     doc: str
     profile: str
@@ -197,6 +208,7 @@ class Mission(StrictModel):
     robots: Annotated[dict[str, tuple[Task, ...]], Field(min_length=1)]
     requests: tuple[TimedRequest, ...] = ()
     orbital: OrbitalModel | None = None
+    earlier_drive: EarlierDrive | None = None
     limits: MissionLimits = MissionLimits()
     relative_position: RelativePositionLimit | None = None
 
@@ -239,9 +251,26 @@ def check_fits(mission: Mission, profile: Profile, scenario: Scenario) -> None:
             raise ConfigurationError(f"robot {robot!r}: scenario {scenario.name} has {known}")
 
 
-def load_mission(path: Path) -> Mission:
-    """Read a mission; raises ConfigurationError naming file and key."""
-    return validated(Mission, read_mapping(path), str(path))
+def load_mission(path: Path, *, without_lidar: bool = False) -> Mission:
+    """Read a mission, or its variant without a lidar.
+
+    The section ``without_lidar`` of the file contains the fields that differ in the variant.
+
+    Raises
+    ------
+    ConfigurationError
+        Naming file and key, or that the mission has no such variant.
+    """
+    data = read_mapping(path)
+    variant = data.pop("without_lidar", None)
+    if not without_lidar:
+        return validated(Mission, data, str(path))
+    if not isinstance(variant, dict):
+        raise ConfigurationError(
+            f"{path}: without_lidar: expected a section with the fields that differ; the mission "
+            "has no variant without a lidar"
+        )
+    return validated(Mission, data | variant, f"{path}, without_lidar")
 
 
 def load_script(path: Path) -> Script:

@@ -12,8 +12,10 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from cdff_common.geometry.se3 import FloatArray
+from cdff_common.types import FramePair
 from cdff_dev.simulate.scenario import Navcam
 from cdff_dev.simulate.surface import Appearance, Float32Array, sample, sunlit
+from cdff_dev.simulate.world import World
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -204,6 +206,35 @@ class StereoCamera:
         noisy = signal + sigma * rng.standard_normal(signal.shape, dtype=np.float32)
         image: NDArray[np.uint8] = np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
         return image
+
+
+def camera_of_world(world: World, scene: Any) -> StereoCamera | None:
+    """Return the stereo camera of a world; None if its scenario has none.
+
+    Parameters
+    ----------
+    scene : open3d.t.geometry.RaycastingScene
+        Geometry of the world, see ``cast_scene``.
+    """
+    model = world.scenario.navcam
+    if model is None or world.appearance is None:
+        return None
+    vertices, triangles = world.relief.mesh()
+    meshes = (triangles, world.rocks.triangles) if len(world.rocks.triangles) else (triangles,)
+    return StereoCamera(model, scene, world.appearance, len(vertices), meshes)
+
+
+def pair_of_images(
+    model: Navcam, images: tuple[NDArray[np.uint8], NDArray[np.uint8]], stamp_ns: int, frame: str
+) -> FramePair:
+    """Return the message of left and right image ``(rows, columns)`` of a camera."""
+    return FramePair.from_images(
+        *images,
+        baseline_m=model.baseline_m,
+        camera_matrix=model.camera_matrix,
+        stamp_ns=stamp_ns,
+        sensor=frame,
+    )
 
 
 def pixel_rays(model: Navcam, K: FloatArray, k1: float = 0.0) -> FloatArray:

@@ -14,8 +14,8 @@ from cdff_common.clock import NS_PER_S
 from cdff_common.geometry import se3
 from cdff_common.geometry.se3 import FloatArray
 from cdff_common.raster.geometry import GridGeometry
-from cdff_common.types import ElevationMap, FramePair, IMUSensors, LidarScan, Time
-from cdff_dev.simulate.camera import StereoCamera
+from cdff_common.types import ElevationMap, IMUSensors, LidarScan, Time
+from cdff_dev.simulate.camera import camera_of_world, pair_of_images
 from cdff_dev.simulate.faults.model import Faults
 from cdff_dev.simulate.faults.spinning_lidar import FaultyLidar
 from cdff_dev.simulate.faults.stereo_camera import FaultyStereoCamera
@@ -49,13 +49,9 @@ class _Renderer:
         self._scene = cast_scene(world.relief, world.rocks)
         self._faulty_cameras: dict[str, FaultyStereoCamera] = {}
         self._faulty_lidars: dict[str, FaultyLidar] = {}
-        if world.scenario.navcam is not None and world.appearance is not None:
-            vertices, triangles = world.relief.mesh()
-            meshes = (triangles, world.rocks.triangles) if len(world.rocks.triangles) else (triangles,)
-            self._camera = StereoCamera(
-                world.scenario.navcam, self._scene, world.appearance, len(vertices), meshes
-            )
-
+        camera = camera_of_world(world, self._scene)
+        if camera is not None:
+            self._camera = camera
             self._rover_view = self._make_rover_view(world)
 
     def _make_rover_view(self, world: World) -> RoverView | None:
@@ -228,13 +224,7 @@ def _value(scenario: Scenario, entry: Entry, rendered: Any) -> Any:
     if entry.render is None:
         return entry.value
     if entry.render[0] == "navcam" and scenario.navcam is not None:
-        return FramePair.from_images(
-            *rendered,
-            baseline_m=scenario.navcam.baseline_m,
-            camera_matrix=scenario.navcam.camera_matrix,
-            stamp_ns=entry.stamp_ns,
-            sensor=entry.header.frame,
-        )
+        return pair_of_images(scenario.navcam, rendered, entry.stamp_ns, entry.header.frame)
     return LidarScan.from_arrays(
         rendered.points_m,
         rendered.time_offset_us,

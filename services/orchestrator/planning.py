@@ -273,6 +273,9 @@ def _plan(
 ) -> Plan | NoPlan:
     """Return the cheapest plan with the requested resolution and accuracy, else with one of them, else any.
 
+    For a pose of the base, DFPCs whose pose is that of a sensor are used only if no other one has a plan: the
+    mount of the sensor need not be known.
+
     ``avoided`` are the implementations whose newest product does not meet the bounds on the accuracy, and
     those of them that do not state a bounded standard deviation: a DFPC whose accuracy is too low at present
     is preferred to one that provides no orientation.
@@ -285,8 +288,13 @@ def _plan(
     fine = frozenset(
         (m.id, m.implementation) for m in providers if m.finest_m is None or m.finest_m <= limit_m
     )
+    of_sensor = frozenset((m.id, m.implementation) for m in providers if request.product in m.sensor_products)
+    indirect = of_sensor if request.child in (None, *(f"{robot}/base" for robot in robots)) else frozenset()
     result: Plan | NoPlan = NoPlan(())
-    for roots in dict.fromkeys(r - a for r in (fine, every) for a in (*avoided, frozenset())):
+    choices = (
+        r - a - i for i in (indirect, frozenset()) for r in (fine, every) for a in (*avoided, frozenset())
+    )
+    for roots in dict.fromkeys(choices):
         if not roots and every:
             continue
         if coverage is None:

@@ -33,6 +33,23 @@ def world() -> World:
 
 
 @pytest.fixture(scope="session")
+def camera_world() -> World:
+    """The world of the tiny scenario with a camera of 64 x 48 pixels."""
+    fields = tiny_scenario().model_dump()
+    camera_scenario = load_scenario("camera_outing")
+    assert camera_scenario.navcam is not None
+    assert camera_scenario.terrain.surface is not None
+    fields["navcam"] = camera_scenario.navcam.model_dump() | {
+        "rows": 48,
+        "columns": 64,
+        "focal_px": 48.0,
+        "rate_hz": 2.0,
+    }
+    fields["terrain"]["surface"] = camera_scenario.terrain.surface.model_dump() | {"texel_m": 0.1}
+    return make_world(Scenario.model_validate(fields))
+
+
+@pytest.fixture(scope="session")
 def scene(world: World) -> Any:
     """Terrain and rocks of the tiny scenario, for ray casting."""
     return cast_scene(world.relief, world.rocks)

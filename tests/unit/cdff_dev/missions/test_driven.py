@@ -80,8 +80,38 @@ def test_a_closed_log_produces_no_more_samples(growing_log: GrowingLog) -> None:
     assert len(list(source)) == 15
 
 
-def test_a_scenario_with_cameras_is_refused(world: World) -> None:
-    scenario = load_scenario("rover_traverse")
-    world_with_cameras = World(scenario, world.relief, world.rocks, world.motions, None)
-    with pytest.raises(InputError, match=r"rover_traverse.*remove navcam"):
-        GrowingLog(world_with_cameras, None)
+def test_a_driven_rover_takes_stereo_pairs_at_the_poses_of_its_motion(camera_world: World) -> None:
+    source = GrowingLog(camera_world, None)
+    rover = source.rovers["mana"]
+    model = camera_world.scenario.navcam
+    assert model is not None
+    samples = list(rover.samples(0))
+    first, last = rover.drive(np.array([[0.0, 0.0], [1.0, 0.0]]), 1)
+    samples += [s for tick in range(1, last + 1) for s in rover.samples(tick)]
+    pairs = [s for s in samples if s.stream == "/mana/navcam.pair"]
+    assert first == 1
+    assert [s.seq for s in pairs] == list(range(last + 1))
+    assert set(np.diff([s.stamp_ns for s in pairs])) == {TICK_NS}
+    value = pairs[0].value
+    assert (value.left.image.shape, value.frame) == ((48, 64), "mana/navcam_left")
+    np.testing.assert_allclose(value.camera_matrix, model.camera_matrix)
+    # At rest, two pairs differ by their noise only; the images of the motion differ.
+    before, moved = (np.array(s.value.left.image, float) for s in (pairs[0], pairs[-1]))
+    at_rest = np.array(pairs[1].value.left.image, float)
+    assert 0.1 < np.abs(at_rest - before).mean() < 3.0 < np.abs(moved - before).mean()
+    truth = [s for s in samples if s.stream == "/mana/truth.pose"]
+    assert {s.stamp_ns for s in pairs} <= {s.stamp_ns for s in truth}
+
+
+def test_the_streams_of_a_camera_are_announced(camera_world: World, growing_log: GrowingLog) -> None:
+    source = GrowingLog(camera_world, None)
+    assert set(source.streams) - set(growing_log.streams) == {"/mana/navcam.pair"}
+    assert source.streams["/mana/navcam.pair"].type_name == "FramePair"
+    assert source.ahead_bytes == growing_log.ahead_bytes + 4 * 48 * 64
+
+
+def test_a_scenario_with_rovers_in_view_is_refused(world: World) -> None:
+    scenario = load_scenario("distant_rovers")
+    other = World(scenario, world.relief, world.rocks, world.motions, None)
+    with pytest.raises(InputError, match=r"distant_rovers: rovers_in_view: expected none"):
+        GrowingLog(other, None)

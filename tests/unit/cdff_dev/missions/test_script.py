@@ -21,6 +21,10 @@ from cdff_dev.simulate.scenario_files import load_any_scenario
 MISSIONS = sorted((deploy_folder() / "missions").glob("*.yaml"))
 SHIPPED = [path for path in MISSIONS if not is_orbital(path)]
 ORBITAL = [path for path in MISSIONS if is_orbital(path)]
+#: Missions, and their variants without a lidar.
+VARIANTS = [(path, False) for path in SHIPPED] + [
+    (path, True) for path in SHIPPED if "without_lidar:" in path.read_text(encoding="utf-8")
+]
 VALID = (
     "doc: A test.\nprofile: explorer\nscenario: outing\nrobots:\n  mana: [{do: go_to, xy_m: [1.0, 2.0]}]\n"
 )
@@ -33,13 +37,24 @@ def write_mission(folder: Path, text: str) -> Path:
 
 
 @pytest.mark.req("CDFF-DEV-073")
-@pytest.mark.parametrize("path", SHIPPED, ids=lambda p: p.stem)
-def test_every_shipped_mission_is_consistent_with_profile_and_scenario(path: Path) -> None:
-    mission = load_mission(path)
+@pytest.mark.parametrize(("path", "without_lidar"), VARIANTS, ids=lambda v: getattr(v, "stem", str(v)))
+def test_every_shipped_mission_is_consistent_with_profile_and_scenario(
+    path: Path, without_lidar: bool
+) -> None:
+    mission = load_mission(path, without_lidar=without_lidar)
     profile = load_profile(deploy_folder() / "profiles" / f"{mission.profile}.yaml")
     scenario = load_scenario(mission.scenario)
     check_fits(mission, profile, scenario)
-    assert scenario.navcam is None
+    assert (scenario.navcam is not None) is without_lidar
+    if mission.earlier_drive is not None:
+        earlier = load_scenario(mission.earlier_drive.scenario)
+        assert mission.earlier_drive.robot in earlier.robots
+        # The same ground and the same camera, another Sun.
+        assert earlier.terrain.model_copy(update={"surface": None}) == scenario.terrain.model_copy(
+            update={"surface": None}
+        )
+        assert (earlier.seed, earlier.robots) == (scenario.seed, scenario.robots)
+        assert earlier.terrain.surface != scenario.terrain.surface
     requested_robots = {request.robot for request in mission.requests} | set(
         mission.relative_position.robots if mission.relative_position else ()
     )
@@ -95,6 +110,23 @@ def test_robots_that_the_profile_or_the_scenario_lacks_are_refused(
     profile = load_profile(deploy_folder() / "profiles" / "two_rovers.yaml")
     with pytest.raises(ConfigurationError, match=reason):
         check_fits(mission, profile, load_scenario("outing"))
+
+
+def test_a_variant_replaces_the_fields_of_its_section_and_is_refused_without_one(tmp_path: Path) -> None:
+    text = VALID + "limits: {goal_m: 0.5}\nwithout_lidar: {profile: camera_rover, speed: 2.0}\n"
+    path = write_mission(tmp_path, text)
+    usual, variant = load_mission(path), load_mission(path, without_lidar=True)
+    assert (usual.profile, usual.speed) == ("explorer", 4.0)
+    assert (variant.profile, variant.speed, variant.limits, variant.robots) == (
+        "camera_rover",
+        2.0,
+        usual.limits,
+        usual.robots,
+    )
+    with pytest.raises(ConfigurationError, match="without_lidar: expected a section"):
+        load_mission(write_mission(tmp_path, VALID), without_lidar=True)
+    with pytest.raises(ConfigurationError, match=r"without_lidar.*sped"):
+        load_mission(write_mission(tmp_path, VALID + "without_lidar: {sped: 2}\n"), without_lidar=True)
 
 
 def test_tasks_are_parsed(tmp_path: Path) -> None:

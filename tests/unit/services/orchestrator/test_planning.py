@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -271,3 +272,32 @@ def test_a_plan_without_a_sensor_for_single_acquisitions_is_refused_with_the_par
     assert isinstance(result, NoPlan)
     assert result.text.startswith("no sensor of the plan (none) has a mode for a single acquisition")
     assert result.text.endswith(end)
+
+
+class SensorPoses(TwoMappers):
+    """State double: the cheap provider has the pose of a sensor, the costly one that of the base."""
+
+    def world(self, *, optimistic: bool = False, **options: object) -> World:
+        world = super().world(optimistic=optimistic, **options)
+        cheap = replace(world.providers[COARSE], sensor_products=frozenset({"pose"}))
+        return World({**world.providers, COARSE: cheap})
+
+
+@pytest.mark.parametrize(("child", "provider"), [(None, FINE), ("mana/base", FINE), ("mana/lidar", COARSE)])
+def test_a_pose_of_the_base_is_planned_with_a_provider_of_it(child: str | None, provider: ProviderId) -> None:
+    state = SensorPoses()
+    parameters = {"type": "pose"} | ({} if child is None else {"child": child})
+    plan, _ = two_mappers(StoredFinder(), state).best(
+        parse_request(parameters, "mana"), ("mana",), None, frozenset(), 0.0, 10.0
+    )
+    assert isinstance(plan, Plan)
+    assert plan.provider == provider
+
+
+def test_without_a_provider_of_the_base_the_pose_of_a_sensor_is_planned() -> None:
+    exclude = frozenset({FINE})
+    plan, _ = two_mappers(StoredFinder(), SensorPoses()).best(
+        parse_request({"type": "pose"}, "mana"), ("mana",), None, exclude, 0.0, 10.0
+    )
+    assert isinstance(plan, Plan)
+    assert plan.provider == COARSE
