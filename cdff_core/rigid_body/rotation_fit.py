@@ -76,6 +76,11 @@ class RotationFit:
         Bayesian information criterion; smaller is better.
     searched : int
         Number of orientations at the last search for initial values.
+    searched_s : float
+        Time of the last orientation at this search, relative to the epoch.
+    is_tumble_tested : bool
+        Whether the orientations of this search, or those that the fit explains, were enough to distinguish a
+        tumble.
     """
 
     model: RotationModel
@@ -85,6 +90,13 @@ class RotationFit:
     inliers: BoolArray
     criterion: float
     searched: int = 0
+    searched_s: float = 0.0
+    is_tumble_tested: bool = False
+
+    @property
+    def may_tumble(self) -> bool:
+        """True for a steady rotation whose orientations could belong to a tumble."""
+        return not isinstance(self.model, Tumble) and not self.is_tumble_tested
 
     @property
     def drift_rotation(self) -> FloatArray:
@@ -135,21 +147,34 @@ def fit_rotation(
         Earlier fit; replaces the search for initial values if it explains the orientations.
     """
     data = _Orientations(t_s, orientations, covariances, is_noise_known)
-    n, searched = len(t_s), 0 if guess is None else guess.searched
+    n = len(t_s)
+    search = (0, 0.0, False) if guess is None else (guess.searched, guess.searched_s, guess.is_tumble_tested)
+    # With a limited number of orientations, the search is repeated after as many new ones.
+    grown = n if guess is None else search[0] + int((t_s > guess.epoch_s + search[1]).sum())
+    is_due = grown >= _SEARCH_GROWTH * search[0] or (data.has_turned and not search[2])
     fits: list[RotationFit] = []
     if guess is not None:
         with suppress(InputError):  # raised if the fit reaches the axis of the middle moment
             fits.append(data.fit(_later(guess.model, data.epoch_s - guess.epoch_s), part=n))
     best = _most_probable(fits)
-    if best is None or (n >= _SEARCH_GROWTH * searched and not data.is_explained(best)):
+    if best is None or (is_due and not data.is_explained(best)):
         fits.append(data.fit(steady_start(t_s, orientations)))
         if data.has_turned and not data.is_explained(fits[-1]):
             with suppress(InputError):  # as above
                 fits.append(data.fit(data.best_start(tumble_starts(t_s, orientations)), _SEARCH_PART))
-        best, searched = _most_probable([fit for fit in fits if _is_predictable(fit)]), n
+        best = _most_probable([fit for fit in fits if _is_predictable(fit)])
+        search = (n, float(t_s[-1]) - data.epoch_s, data.has_turned)
+    elif guess is not None:
+        search = (search[0], search[1] + guess.epoch_s - data.epoch_s, search[2])
     if best is None:
         raise InputError(f"{n} orientations, expected at least 1")
-    return replace(best, searched=searched)
+    searched, searched_s, is_tested = search
+    return replace(
+        best,
+        searched=searched,
+        searched_s=searched_s,
+        is_tumble_tested=is_tested or (data.has_turned and data.is_explained(best)),
+    )
 
 
 def _most_probable(fits: Sequence[RotationFit]) -> RotationFit | None:

@@ -83,6 +83,9 @@ class BodyMotionEstimationOutputs:
         Principal axes in the body frame as columns, ascending moments; absent if unobservable.
     is_tumbling : bool
         True if the poses contradict a rotation about one axis.
+    may_tumble : bool
+        True for a rotation about one axis if the poses are too few, or cover too small a rotation, to
+        distinguish a tumble: predictions may be wrong.
     centre_m : ndarray of float64, shape (3)
         Centre of mass in the body frame, m.
     centre_covariance : ndarray of float64, shape (3,3)
@@ -105,6 +108,7 @@ class BodyMotionEstimationOutputs:
     rate_rad_s: float
     rate_sigma_rad_s: float
     is_tumbling: bool
+    may_tumble: bool
     centre_m: NDArray[np.float64]
     centre_covariance: NDArray[np.float64]
     unobservable: NDArray[np.float64]

@@ -89,6 +89,7 @@ class TorqueFree(Interface[TorqueFreeConfig]):
             moment_ratios_covariance=ratios_covariance,
             principal_axes=principal,
             is_tumbling=isinstance(fit.model, Tumble),
+            may_tumble=fit.may_tumble,
             centre_m=centre.fit.step,
             centre_covariance=centre.fit.covariance,
             unobservable=centre.unobservable,

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -32,6 +32,7 @@ from cdff_core.object_models.scan_detection import (
 )
 from cdff_core.object_models.scan_fit import ScanFit, ScanFitter, capture_limit
 from cdff_core.object_models.scan_parts import bodies, range_noise
+from cdff_core.object_models.sensor_rotation import SensorRotation
 from cdff_core.object_models.state_filter import adapt_noise
 from cdff_core.object_models.tracked_state import TrackedState
 
@@ -72,6 +73,7 @@ class LidarTargetTracking(BodyTracking, LidarTargetTrackingInterface):
         self._refine = self.dfn("refine", seed=seed)
         self._detector = ScanDetector(self.dfn("search", seed=seed), self._refine, limits)
         self._fitter = ScanFitter(self.dfn("deskew"), self.dfn("registration"))
+        self._rotation = SensorRotation(self.context.frames, cfg.attitude_age_s, cfg.sensor_rate_sigma_radps)
         compile_kernels()
         self.setup_track()
 
@@ -82,6 +84,11 @@ class LidarTargetTracking(BodyTracking, LidarTargetTrackingInterface):
         self._received: tuple[int, list[Hypothesis]] | None = None
         self._scans: deque[_Scan] = deque(maxlen=_MAX_SCANS)
         self._used_state: TrackedState | None = None
+
+    def on_attitude(self, sample: Sample) -> Iterable[Output]:
+        """Store the attitude; velocities are then relative to the inertial axes."""
+        self._rotation.give(sample)
+        return ()
 
     def on_detections(self, sample: Sample) -> Iterable[Output]:
         """Store the detections of the body; the next scan without a track uses them."""
@@ -113,13 +120,15 @@ class LidarTargetTracking(BodyTracking, LidarTargetTrackingInterface):
             return self._outputs(sample, None, Quality.failed("no_model"))
         if self._state is not None and sample.stamp_ns <= self._state.stamp_ns:
             return self._outputs(sample, None, Quality.failed(order_fault(self._state, sample.stamp_ns)))
+        self._scan_frame = self._sensor_frame(sample)
+        points_m = self._rotation.at_stamp(points_m, times_s, sample.stamp_ns, self._scan_frame)
         scan = _Scan(sample.stamp_ns, points_m, times_s)
         if not self.config.search_scans:
             self._keep(scan)
         reasons = self._start_from_guess(model, sample.stamp_ns)
         if self._state is None:
             return self._detect_body(sample, model, scan, [])
-        predicted_state = self._filter.predicted(self._state, sample.stamp_ns)
+        predicted_state = self._predicted(self._state, sample.stamp_ns)
         fit, fault = self._fit(model, predicted_state, scan)
         if fit is not None and fault and self._is_underestimated(fit):
             predicted_state = replace(
@@ -136,6 +145,11 @@ class LidarTargetTracking(BodyTracking, LidarTargetTrackingInterface):
         if self._unused >= self.config.detect_after or (is_uncertain and len(points_m)):
             return self._detect_body(sample, model, scan, [fault])
         return self._published(sample, ["coasting", fault], self._metrics(fit))
+
+    def _predicted(self, state: TrackedState, stamp_ns: int) -> TrackedState:
+        """Return the state at a later time, in the axes of the sensor at that time."""
+        predicted_state = self._filter.predicted(state, stamp_ns)
+        return self._rotation.applied(predicted_state, state.stamp_ns, self._scan_frame)
 
     def _used_fit(
         self,
@@ -247,7 +261,7 @@ class LidarTargetTracking(BodyTracking, LidarTargetTrackingInterface):
                 return self._outputs(sample, None, Quality.failed("not_found", *error.reasons))
             return self._published(sample, ["coasting", *reasons, *error.reasons], self._metrics(None))
         assert self._state is not None
-        predicted_state = self._filter.predicted(self._state, sample.stamp_ns)
+        predicted_state = self._predicted(self._state, sample.stamp_ns)
         fit, fault = self._fit(model, predicted_state, scan)
         if fit is None or fault:
             self._state = predicted_state
@@ -283,12 +297,12 @@ class LidarTargetTracking(BodyTracking, LidarTargetTrackingInterface):
         this one; return the reasons. RefusedError without recent detections.
         """
         stamp_ns, hypotheses = self._take_received(scan.stamp_ns)
-        self._state = self._used_state and self._filter.predicted(self._used_state, stamp_ns)
+        self._state = self._used_state and self._predicted(self._used_state, stamp_ns)
         reasons = self._use_detection(model, hypotheses, stamp_ns)
         self._last_used_ns = stamp_ns
         for earlier in [s for s in self._scans if stamp_ns <= s.stamp_ns < scan.stamp_ns]:
             assert self._state is not None
-            predicted_state = self._filter.predicted(self._state, earlier.stamp_ns)
+            predicted_state = self._predicted(self._state, earlier.stamp_ns)
             fit, fault = self._fit(model, predicted_state, earlier)
             if fit is not None and not fault:
                 self._use(model, predicted_state, fit)
@@ -307,9 +321,16 @@ class LidarTargetTracking(BodyTracking, LidarTargetTrackingInterface):
             raise RefusedError("detections before the last used scan", ["no_new_detections"])
         return received
 
+    def _published(
+        self, sample: Sample, reasons: list[str], metrics: Mapping[str, float]
+    ) -> Iterable[Output]:
+        """Return the outputs of the state; DEGRADED if the attitude of the sensor is missing at its time."""
+        missing = self._rotation.reason(sample.stamp_ns, self._scan_frame)
+        return super()._published(sample, [*reasons, missing] if missing else reasons, metrics)
+
     def _metrics(self, fit: ScanFit | None) -> dict[str, float]:
         """Return the metrics of the quality."""
-        metrics = {"sigma_m": self._sigma_m}
+        metrics = {"sigma_m": self._sigma_m, "inertial_rates": float(self._rotation.is_inertial)}
         if fit is not None:
             metrics |= {
                 "points": float(fit.points),

@@ -43,3 +43,12 @@ class LidarTargetTrackingConfig(BodyTrackingConfig):
     guess_sigma_rad: float = Field(
         0.1, gt=0, le=3, description="Standard deviation of the rotation of a guess without covariance"
     )
+    attitude_age_s: float = Field(
+        2.0, gt=0, le=60, description="Largest time between a scan and the nearest attitude of the sensor, s"
+    )
+    sensor_rate_sigma_radps: float = Field(
+        0.02,
+        ge=0,
+        le=1,
+        description="Standard deviation of the rate of the sensor, rad/s, while its attitude is missing",
+    )

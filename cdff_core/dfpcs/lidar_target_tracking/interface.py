@@ -18,7 +18,7 @@ class LidarTargetTrackingInterface(Dfpc):
     """
 
     name = "lidar_target_tracking"
-    INPUT_PORTS = ("model", "scan", "cloud", "guess", "detections")
+    INPUT_PORTS = ("model", "scan", "cloud", "guess", "detections", "attitude")
 
     @abstractmethod
     def on_model(self, sample: Sample) -> Iterable[Output]:
@@ -46,6 +46,13 @@ class LidarTargetTrackingInterface(Dfpc):
     def on_detections(self, sample: Sample) -> Iterable[Output]:
         """Process an input of type ObjectDetections. Detections of the body in the frame of the scans;
         they replace the own search if search_scans is false.
+        """
+
+    @abstractmethod
+    def on_attitude(self, sample: Sample) -> Iterable[Output]:
+        """Process an input of type TransformWithCovariance. Rotation of T_inertial_sensor, or of
+        T_inertial_frame of a frame with a known mount, such as a star tracker; velocities are then
+        relative to the inertial axes.
         """
 
     @abstractmethod

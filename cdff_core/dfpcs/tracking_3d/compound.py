@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 
@@ -19,11 +20,15 @@ from cdff_core.dfns.body_motion_estimation.interface import BodyMotionEstimation
 from cdff_core.dfns.body_motion_estimation.interface import BodyMotionEstimationOutputs as Motion
 from cdff_core.dfpcs.tracking_3d.configuration import Tracking3DConfig
 from cdff_core.dfpcs.tracking_3d.interface import Tracking3DInterface
+from cdff_core.rigid_body.orbital_point import OrbitalAxesHistory, resting_motion
+from cdff_core.rigid_body.sensor_attitude import SensorAttitude
 
 #: Greatest number of states of one prediction.
 _MAX_STATES = 10_000
 #: Greatest number of poses listed as inputs of a product.
 _MAX_INPUTS = 256
+#: Last components of the names of frames that do not rotate with a robot.
+_FIXED_FRAMES = ("inertial", "icrf", "site", "world", "odom", "map", "reference")
 
 
 class Tracking3D(Tracking3DInterface):
@@ -33,17 +38,42 @@ class Tracking3D(Tracking3DInterface):
     config: Tracking3DConfig
 
     def setup(self) -> None:
-        """Create the DFN, clear the poses, offer the store item."""
+        """Clear the poses, offer the store item."""
+        self._attitude = SensorAttitude(self.context.frames, self.config.attitude_age_s)
+        self._orbit = OrbitalAxesHistory()
+        self._clear()
+        self.store.offer("motion", lambda: self._motion)
+
+    def _clear(self) -> None:
+        """Create the DFN, clear poses and motion."""
         self._estimation = self.dfn("estimation")
         self._poses: deque[Sample] = deque(maxlen=self.config.max_poses)
         self._new_poses = 0  # since the last fit
+        self._epoch_ns = 0  # time of the first pose
         self._motion: BodyMotion | None = None
-        self.store.offer("motion", lambda: self._motion)
+        # Position of the point in orbital axes relative to which the last fit describes the motion.
+        self._orbital_point_m: FloatArray | None = None
+
+    def on_navigation(self, sample: Sample) -> Iterable[Output]:
+        """Store the state of the carrier of the sensor."""
+        self._orbit.give(sample)
+        return ()
+
+    def on_attitude(self, sample: Sample) -> Iterable[Output]:
+        """Store the attitude; with the first one, clear the poses in axes that may rotate."""
+        is_first = not self._attitude.is_given
+        self._attitude.give(sample)
+        if is_first and self._poses and self._may_rotate:
+            self._clear()
+        return ()
 
     def on_pose(self, sample: Sample) -> Iterable[Output]:
         """Add the pose; publish the state, and motion and prediction after a new fit."""
         try:
+            sample = self._without_rotation(sample)
             self._check(sample)
+            if not self._poses:
+                self._epoch_ns = sample.stamp_ns
             self._poses.append(sample)
             self._new_poses += 1
             needs_fit = self._new_poses >= self.config.refit_growth * len(self._poses)
@@ -99,11 +129,35 @@ class Tracking3D(Tracking3DInterface):
             raise ProductNotFoundError(f"{self.name}: {len(self._poses)} poses, no motion was fitted yet")
         return self._motion
 
+    def _without_rotation(self, sample: Sample) -> Sample:
+        """Return the pose in inertial axes with the origin of the sensor, if attitudes are given and its
+        frame may rotate; raises RefusedError without an attitude at its time.
+        """
+        pose = sample.value
+        if pose is None or not self._attitude.is_given or not _may_rotate(pose.parent_frame):
+            return sample
+        attitude = self._attitude.at(sample.stamp_ns, pose.parent_frame)
+        rotated = TransformWithCovariance.from_transform(
+            attitude.rotated(pose.transform),
+            parent=attitude.frame,
+            child=pose.child_frame,
+            stamp_ns=sample.stamp_ns,
+            producer=pose.metadata.producer_id,
+        )
+        return replace(sample, value=rotated)
+
+    @property
+    def _may_rotate(self) -> bool:
+        """True if the stored poses are in a frame that may rotate, such as that of a sensor."""
+        return _may_rotate(self._poses[-1].value.parent_frame)
+
     def _check(self, sample: Sample) -> None:
         """Raise InputError if the pose cannot continue the track."""
         pose = sample.value
         if pose is None:
             raise InputError(f"{self.name}: pose FAILED: {', '.join(sample.quality.reasons)}")
+        if "coasting" in sample.quality.reasons:
+            raise RefusedError(f"{self.name}: pose is a prediction of its tracker", ["pose_is_predicted"])
         if not self._poses:
             return
         newest = self._poses[-1]
@@ -120,32 +174,49 @@ class Tracking3D(Tracking3DInterface):
         newest = self._poses[-1]
         later_ns = self._stamps_ns(newest.stamp_ns + round(1e9 * self.config.horizon_s))
         motion = self._estimate(later_ns[:1] if is_fitted else later_ns, is_fitted=is_fitted)
-        quality = self._quality(motion)
+        quality = self._quality(motion, is_prediction=False)
         yield self._output("track", self._track(motion, later_ns[:1]), quality, newest)
         if is_fitted:
             return
         self._new_poses = 0
         self._motion = self._body_motion(motion)
+        quality = self._quality(motion, is_prediction=True)
         yield self._output("motion", self._motion, quality, newest)
         yield self._output("prediction", self._track(motion, later_ns), quality, newest)
 
     def _estimate(self, queries_ns: Iterable[int] | IntArray, *, is_fitted: bool) -> Motion:
-        """Return the motion at times; stamps count from the first pose."""
-        epoch_ns = self._poses[0].stamp_ns
+        """Return the motion at times, with the fit to the stored poses or the last one."""
+        epoch_ns = self._epoch_ns
         covariances = [sample.value.transform.covariance for sample in self._poses]
         is_known = all(c is not None and np.linalg.matrix_rank(c) == 6 for c in covariances)
         n = len(self._poses)
         stamps_ns = np.array([sample.stamp_ns for sample in self._poses])
+        queries_ns = np.asarray(queries_ns, dtype=np.int64)
+        poses = np.stack([sample.value.transform.matrix for sample in self._poses])
+        axes = None if self._may_rotate else self._orbit.at(np.append(stamps_ns, queries_ns))
+        # A fit relative to a point in orbital axes is of no use without these axes.
+        is_fitted = is_fitted and (axes is not None or self._orbital_point_m is None)
+        point_m = self._orbital_point_m
+        if not is_fitted:
+            point_m = None if axes is None else axes[n - 1].rotation.T @ poses[-1, :3, 3]
+        moved_m, moved_mps = np.zeros((2, n + len(queries_ns), 3))
+        if axes is not None and point_m is not None:
+            moved_m, moved_mps = resting_motion(axes, point_m)
+        poses[:, :3, 3] -= moved_m[:n]
         inputs = Inputs(
             times_s=1e-9 * (stamps_ns - epoch_ns),
-            poses=np.stack([sample.value.transform.matrix for sample in self._poses]),
+            poses=poses,
             covariances=np.stack(covariances) if is_known else np.repeat(np.eye(6)[None], n, axis=0),
             is_noise_known=is_known,
-            queries_s=np.asarray(1e-9 * (np.asarray(queries_ns, dtype=np.int64) - epoch_ns)),
+            queries_s=np.asarray(1e-9 * (queries_ns - epoch_ns)),
             is_fitted=is_fitted,
         )
         motion: Motion = self._estimation.process(inputs)
-        return motion
+        self._orbital_point_m = point_m
+        poses, velocities = motion.poses.copy(), motion.velocities.copy()
+        poses[:, :3, 3] += moved_m[n:]
+        velocities[:, :3] += moved_mps[n:]
+        return replace(motion, poses=poses, velocities=velocities)
 
     def _stamps_ns(self, end_ns: int) -> IntArray:
         """Return the times from the newest pose to the end in steps of the configuration."""
@@ -157,10 +228,12 @@ class Tracking3D(Tracking3DInterface):
             )
         return np.asarray(start_ns + step_ns * np.arange(count))
 
-    def _quality(self, motion: Motion) -> Quality:
-        """Return the quality of an estimated motion."""
+    def _quality(self, motion: Motion, *, is_prediction: bool) -> Quality:
+        """Return the quality of an estimated motion: of the state at the newest pose, or of predictions."""
         config, n = self.config, len(self._poses)
-        reasons = []
+        reasons = ["attitude_missing"] if self._may_rotate else []
+        if motion.may_tumble and motion.axis is not None and is_prediction:
+            reasons.append("tumble_undetermined")
         if motion.increment_rad > config.max_increment_rad:
             reasons.append(f"ambiguous_rotation:{motion.increment_rad:.2f}")
         if motion.noise_factor > config.max_noise_factor:
@@ -219,6 +292,11 @@ class Tracking3D(Tracking3DInterface):
         first_ns = self._poses[0].stamp_ns if self._poses and value is not None else newest.stamp_ns
         frame = newest.value.parent_frame if newest.value is not None else newest.frame
         return Output(port, value, first_ns, newest.stamp_ns, frame, None, quality, inputs)
+
+
+def _may_rotate(frame: str) -> bool:
+    """Return whether a frame may rotate with a robot, as the frame of a sensor does."""
+    return frame.rsplit("/", 1)[-1] not in _FIXED_FRAMES
 
 
 def _or_nan(covariance: FloatArray | None, size: int) -> FloatArray:

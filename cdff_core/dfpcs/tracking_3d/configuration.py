@@ -18,6 +18,9 @@ class Tracking3DConfig(DfpcConfig):
     )
     horizon_s: float = Field(60.0, gt=0, le=86400, description="Duration of predictions, s")
     step_s: float = Field(1.0, gt=0, le=3600, description="Interval of the states of a prediction, s")
+    attitude_age_s: float = Field(
+        2.0, gt=0, le=60, description="Largest time between a pose and the nearest attitude, s"
+    )
     max_noise_factor: float = Field(
         4.0,
         ge=1,

@@ -18,13 +18,27 @@ class Tracking3DInterface(Dfpc):
     """
 
     name = "tracking_3d"
-    INPUT_PORTS = ("pose",)
+    INPUT_PORTS = ("pose", "attitude", "navigation")
 
     @abstractmethod
     def on_pose(self, sample: Sample) -> Iterable[Output]:
         """Process an input of type TransformWithCovariance. T_reference_body in a reference frame that
-        does not rotate, from any detector or tracker; poses without covariance count as equally
-        accurate.
+        does not rotate, or in that of a sensor whose attitude is given, from any detector or
+        tracker; poses without covariance count as equally accurate.
+        """
+
+    @abstractmethod
+    def on_attitude(self, sample: Sample) -> Iterable[Output]:
+        """Process an input of type TransformWithCovariance. Rotation of T_inertial_sensor, or of
+        T_inertial_frame of a frame with a known mount, such as a star tracker; poses in the frame
+        of a sensor are rotated to the inertial axes.
+        """
+
+    @abstractmethod
+    def on_navigation(self, sample: Sample) -> Iterable[Output]:
+        """Process an input of type RigidBodyState. Position and velocity of the carrier of the sensor
+        relative to the Earth, in the frame inertial; then the body moves in a nearly straight line
+        relative to a point at rest in the LVLH axes, not relative to the carrier.
         """
 
     @abstractmethod

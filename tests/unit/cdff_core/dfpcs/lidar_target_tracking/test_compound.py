@@ -236,6 +236,107 @@ def test_a_model_with_the_wrong_unit_is_refused(rng: np.random.Generator, scale:
     assert "wrong_unit" in pose.quality.reasons
 
 
+def sensor_attitude(t_s: float) -> np.ndarray:
+    """Return R_inertial_lidar of a servicer that turns about the line of sight and swings across it."""
+    swing = np.radians(8.0) * np.sin(2.0 * np.pi * t_s / 20.0)
+    return np.asarray(se3.exp_so3([0.0, 0.0, np.radians(2.0) * t_s]) @ se3.exp_so3([swing, 0.5 * swing, 0.0]))
+
+
+def seen_from_turning(t_s: float) -> np.ndarray:
+    """Return T_lidar_body: the motion ``truth`` is that in the inertial axes."""
+    return np.asarray(se3.inverse(se3.transform(sensor_attitude(t_s), np.zeros(3))) @ truth(t_s))
+
+
+def attitude(t_s: float) -> Sample:
+    stamp_ns, covariance = round(1e9 * t_s), np.zeros((6, 6))
+    covariance[3:, 3:] = np.radians(0.005) ** 2 * np.eye(3)
+    value = TransformWithCovariance.from_transform(
+        UncertainTransform(se3.transform(sensor_attitude(t_s), np.zeros(3)), covariance),
+        parent="inertial",
+        child="servicer/lidar",
+        stamp_ns=stamp_ns,
+    )
+    return Sample("attitude", stamp_ns, 0, value, id=f"a{stamp_ns}")
+
+
+def turning_track(
+    rng: np.random.Generator, *, with_attitude: bool, dark_s: tuple[float, float] = (99.0, 99.0)
+) -> tuple[list[Output], list[float], list[float]]:
+    """Return the tracks by a turning lidar, the errors of their inertial rates, rad/s, and the squared
+    normalised errors of their poses.
+    """
+    dfpc = make_dfpc(predict={"angular_acceleration_noise": 2e-4}, sensor_rate_sigma_radps=0.06)
+    states, rate_errors, nees = [], [], []
+    for t_s in np.arange(0.0, 25.0):
+        if with_attitude and not dark_s[0] <= t_s <= dark_s[1]:
+            assert list(dfpc.step(attitude(t_s))) == []
+        T = seen_from_turning(t_s)
+        points = satellite.scan(satellite.satellite(), T, rng=rng, **LIDAR)
+        pose, track = step(dfpc, cloud(t_s, points))
+        states.append(track)
+        error = pose_error(T, pose.value.transform.matrix)
+        nees.append(float(error @ np.linalg.solve(pose.value.transform.covariance, error)))
+        rate_errors.append(float(np.linalg.norm(track.value.velocities[0, 3:] - T[:3, :3] @ RATE)))
+    return states, rate_errors, nees
+
+
+@pytest.mark.slow
+def test_the_rates_by_a_turning_lidar_are_inertial_with_its_attitude(rng: np.random.Generator) -> None:
+    states, rate_errors, nees = turning_track(rng, with_attitude=True)
+    assert max(rate_errors[12:]) < np.radians(0.2)
+    assert 1.5 < np.mean(nees[5:]) < 15.0
+    assert all(track.quality.metrics["inertial_rates"] == 1.0 for track in states)
+    relative, relative_errors, _ = turning_track(rng, with_attitude=False)
+    assert np.median(relative_errors[12:]) > np.radians(1.5)
+    assert all(track.quality.metrics["inertial_rates"] == 0.0 for track in relative)
+
+
+@pytest.mark.slow
+def test_a_lost_attitude_is_reported_and_the_track_continues(rng: np.random.Generator) -> None:
+    states, rate_errors, nees = turning_track(rng, with_attitude=True, dark_s=(10.0, 14.0))
+    reasons = [track.quality.reasons for track in states]
+    missing = [any(r.startswith("attitude_missing") for r in names) for names in reasons]
+    assert missing == [12.0 <= t_s <= 14.0 for t_s in np.arange(0.0, 25.0)]
+    assert all(track.quality.status is Status.DEGRADED for track in states[12:15])
+    assert max(nees[10:12]) < 22.5  # extrapolated attitudes; 99.9 % of chi squared with 6 degrees of freedom
+    for i, track in enumerate(states[12:16]):
+        error = pose_error(seen_from_turning(12.0 + i), track.value.matrices[-1])
+        for rows in (slice(0, 3), slice(3, 6)):
+            largest = np.linalg.eigvalsh(track.value.covariances[-1][rows, rows])[-1]
+            assert np.linalg.norm(error[rows]) < 4.0 * np.sqrt(largest)
+    for track, rate_error in zip(states[15:], rate_errors[15:], strict=True):
+        largest = np.linalg.eigvalsh(track.value.velocity_covariances[-1][3:, 3:])[-1]
+        assert rate_error < 4.0 * np.sqrt(largest)
+
+
+def test_the_rotation_of_the_lidar_during_a_scan_is_removed(rng: np.random.Generator) -> None:
+    dfpc, angles = make_dfpc(), []
+    for i in range(10):
+        end_s = float(i + 1)
+        for t_s in (end_s - 0.75, end_s - 0.5, end_s - 0.25, end_s):
+            list(dfpc.step(attitude(t_s)))
+        parts, offsets_us = [], []
+        for k in range(8):
+            T = seen_from_turning(end_s - 1.0 + (k + 1) / 8.0)
+            points = satellite.scan(satellite.satellite(), T, rng=rng, **LIDAR)
+            rows = points[:, 1] / points[:, 2]
+            edges = np.linspace(-0.18, 0.18, 9)
+            parts.append(points[(rows >= edges[k]) & (rows < edges[k + 1])])
+            offsets_us.append(np.full(len(parts[-1]), (k + 1) * 125_000))
+        end_ns = round(1e9 * end_s)
+        value = LidarScan.from_arrays(
+            np.concatenate(parts),
+            np.concatenate(offsets_us).astype(np.uint32),
+            frame="servicer/lidar",
+            t0_ns=end_ns - 10**9,
+            t1_ns=end_ns,
+        )
+        pose, _ = step(dfpc, Sample("scan", end_ns, 0, value))
+        error = pose_error(seen_from_turning(end_s), pose.value.transform.matrix)
+        angles.append(float(np.degrees(np.linalg.norm(error[3:]))))
+    assert np.median(angles[4:]) < 0.25
+
+
 def detections(t_s: float, *poses: np.ndarray, label: str = "client") -> Sample:
     """Return the detections of one body with poses that explain the scan equally well."""
     stamp_ns = round(1e9 * t_s)
