@@ -36,6 +36,8 @@ _COMET_LEVEL, _COMET_NOISE = 20.0, 2.0
 #: Extents, pixels, and number of simulated views of each.
 _EXTENTS_PX, _VIEWS = (20.0, 40.0, 100.0), 30
 _SPREAD_PX = 0.8
+#: Rows of the renderer in a row of the image.
+_FINE = 4
 
 
 def comet_ranges(data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
@@ -67,12 +69,14 @@ def simulated_ranges(seed: int, progress: Callable[[str], None]) -> dict[str, An
     scene = BodyScene(mesh)
     focal = 2560.0
     camera = CameraModel(256, 256, focal, focal, 127.5, 127.5)
+    # The renderer shows small bodies as points: the pixels are means of finer ones.
+    middle = _FINE * 128.0 - 0.5
     rays = CameraRays(
         Camera(
-            rows=256,
-            columns=256,
-            focal_px=focal,
-            principal_point_px=(127.5, 127.5),
+            rows=_FINE * 256,
+            columns=_FINE * 256,
+            focal_px=_FINE * focal,
+            principal_point_px=(middle, middle),
             rate_hz=1.0,
             zero_point_e_s=1.0,
         )
@@ -91,7 +95,8 @@ def simulated_ranges(seed: int, progress: Callable[[str], None]) -> dict[str, An
             T = se3.transform(R, range_m * np.array([*rng.normal(0.0, 0.003, 2), 1.0]))
             light = BodyLight((R.T @ sun).astype(np.float32), 1.0, None)
             view = rays.render([PlacedBody(1, "client", scene, (rays.model.T_base_camera @ T)[None], light)])
-            radiance = cv2.GaussianBlur(view.radiance.astype(np.float32), (0, 0), _SPREAD_PX)
+            fine = view.radiance.astype(np.float32).reshape(256, _FINE, 256, _FINE)
+            radiance = cv2.GaussianBlur(fine.mean(axis=(1, 3)), (0, 0), _SPREAD_PX)
             level = 0.1 * float(np.percentile(radiance[radiance > 0.0], 90.0)) if radiance.any() else 0.0
             if level <= 0.0:
                 continue

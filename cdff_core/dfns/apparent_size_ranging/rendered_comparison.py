@@ -57,6 +57,13 @@ class RenderedComparisonConfig(DfnConfig):
     edge_error_px: float = Field(
         0.25, ge=0.0, le=10.0, description="Error of an edge by shading and point spread, px"
     )
+    unresolved_px: float = Field(
+        4.5,
+        ge=0.0,
+        le=100.0,
+        description="Extent of the light at which parts of different reflectance make the size uncertain by"
+        " itself, px; the relative error decreases with the square of the extent",
+    )
 
 
 class RenderedComparison(Interface[RenderedComparisonConfig]):
@@ -142,7 +149,8 @@ class RenderedComparison(Interface[RenderedComparisonConfig]):
             raise _disagreement(similarity.agreement, self.config.min_agreement)
         formal = similarity.scale_sigma * np.sqrt(_CORRELATED * max(inputs.point_spread**2, 0.1))
         edge = np.sqrt(2.0) * self.config.edge_error_px / extent_px
-        sigma = range_m * float(np.sqrt(formal**2 + edge**2 + self.config.model_error**2))
+        unresolved = (self.config.unresolved_px / extent_px) ** 2
+        sigma = range_m * float(np.sqrt(formal**2 + edge**2 + unresolved**2 + self.config.model_error**2))
         return Outputs(
             range=range_m,
             range_sigma=sigma,
