@@ -21,7 +21,6 @@ from scipy.spatial import Delaunay
 
 from cdff_common.arrays import BoolArray
 from cdff_common.camera import CameraModel
-from cdff_common.errors import CdffError
 from cdff_common.geometry import se3
 from cdff_common.geometry.se3 import FloatArray
 from cdff_core.calibration.adjustment import View
@@ -115,7 +114,6 @@ def _camera_figures(lens: str, board: Board) -> dict[str, Any]:
         "assessed_good": round(float(mean[6]), 2),
         "opencv_error_px": peer_mean[0],
         "opencv_covered_error_px": peer_mean[1],
-        "opencv_runs": len(peers),
         "rms_px": round(float(mean[1]), 4),
         "views": round(float(mean[2]), 1),
         "dropped": round(float(mean[3]), 1),
@@ -148,22 +146,19 @@ def _mapping_error(estimate: CameraModel, truth: CameraModel, pixels: FloatArray
 
 
 def _opencv(views: list[View], truth: CameraModel) -> CameraModel | None:
-    """Return the calibration by OpenCV; None if it has no such lens, or fails."""
+    """Return the calibration by OpenCV; None if it has no such lens."""
     size = (truth.cols, truth.rows)
     corners = [v.corners_m.astype(np.float32)[:, None] for v in views]
     pixels = [v.pixels.astype(np.float32)[:, None] for v in views]
-    try:
-        if truth.lens == "pinhole":
-            _, K, D, _, _ = cv2.calibrateCamera(corners, pixels, size, None, None)
-        elif truth.lens == "fisheye":
-            flags = cv2.CALIB_RECOMPUTE_EXTRINSIC | cv2.CALIB_FIX_SKEW
-            rows = ([array.reshape(1, len(array), -1) for array in arrays] for arrays in (corners, pixels))
-            _, K, D, _, _ = cv2.fisheye.calibrate(*rows, size, None, None, flags=flags)
-        else:
-            return None
-        return CameraModel.from_matrix(K, D, rows=truth.rows, cols=truth.cols, lens=truth.lens)
-    except (cv2.error, CdffError):
+    if truth.lens == "pinhole":
+        _, K, D, _, _ = cv2.calibrateCamera(corners, pixels, size, None, None)
+    elif truth.lens == "fisheye":
+        flags = cv2.CALIB_RECOMPUTE_EXTRINSIC | cv2.CALIB_FIX_SKEW
+        rows = ([array.reshape(1, len(array), -1) for array in arrays] for arrays in (corners, pixels))
+        _, K, D, _, _ = cv2.fisheye.calibrate(*rows, size, None, None, flags=flags)
+    else:
         return None
+    return CameraModel.from_matrix(K, D, rows=truth.rows, cols=truth.cols, lens=truth.lens)
 
 
 def _stereo_figures(board: Board) -> dict[str, Any]:
@@ -261,8 +256,6 @@ def table(figures: dict[str, Any]) -> str:
             "–" if row[key] is None else f"{row[key]:.3f} px"
             for key in ("opencv_covered_error_px", "opencv_error_px")
         )
-        if 0 < row["opencv_runs"] < figures["seeds"]:
-            whole += f" ({row['opencv_runs']} of {figures['seeds']} runs)"
         lines.append(
             f"| {name} | {row['views']} of {figures['images']} | {row['rms_px']:.3f} px "
             f"| {100 * row['covered_part']:.0f} % | {row['covered_error_px']:.3f} px | {covered} "

@@ -122,7 +122,7 @@ def _euroc(data: Path) -> dict[str, Any]:
 
 
 def _kitchen(data: Path) -> dict[str, Any]:
-    frames = _kitchen_frames(data)
+    frames = kitchen_frames(data)
     query_frames = [f for n, f in frames.items() if n >= KITCHEN_FIRST]
     truth = [f.T_world_colour for f in query_frames]
     dfpc = _localiser(_kitchen_map(data))
@@ -147,7 +147,7 @@ def _kitchen(data: Path) -> dict[str, Any]:
 
 def _other_scene(data: Path) -> dict[str, Any]:
     """Return how many images of each set the map of the other one refuses."""
-    kitchen = [f.colour for f in _kitchen_frames(data).values()][::_OTHER_STRIDE]
+    kitchen = [f.colour for f in kitchen_frames(data).values()][::_OTHER_STRIDE]
     pairs, _ = _euroc_queries(data / euroc.FOLDER)
     fixes = {}
     for name, value, images in (
@@ -198,7 +198,7 @@ def _euroc_queries(folder: Path) -> tuple[list[Frame], list[FloatArray]]:
     return frames, truth
 
 
-class _KitchenFrame(NamedTuple):
+class KitchenFrame(NamedTuple):
     """Colour image, depth image and true pose of the colour camera."""
 
     colour: Frame
@@ -207,7 +207,7 @@ class _KitchenFrame(NamedTuple):
 
 
 @cache
-def _kitchen_frames(data: Path) -> dict[int, _KitchenFrame]:
+def kitchen_frames(data: Path) -> dict[int, KitchenFrame]:
     """Return the frames by their number."""
     log = open_log(data / KITCHEN)
     streams = {info.type_name: name for name, info in log.streams.items()}
@@ -218,7 +218,7 @@ def _kitchen_frames(data: Path) -> dict[int, _KitchenFrame]:
     log.close()
     T_depth_colour = se3.inverse(se3.transform(np.eye(3), KITCHEN_OFFSET_M))
     return {
-        stamp // 100_000_000: _KitchenFrame(
+        stamp // 100_000_000: KitchenFrame(
             frame,
             values["DistanceImage"][stamp],
             values["TransformWithCovariance"][stamp].transform.matrix @ T_depth_colour,

@@ -128,7 +128,7 @@ def _multiplied(
 
 
 def _exposure_changes(views: Sequence[View]) -> list[View]:
-    """Every other view has half of the light."""
+    """Return the views; every second one has half of the light."""
     return [
         replace(v, images=tuple(_bytes(0.5 * i.astype(np.float64)) for i in v.images)) if k % 2 else v
         for k, v in enumerate(views)
@@ -136,7 +136,7 @@ def _exposure_changes(views: Sequence[View]) -> list[View]:
 
 
 def _dust(views: Sequence[View]) -> list[View]:
-    """Blurred dark spots at fixed pixels, different ones on each lens."""
+    """Return the views with blurred dark spots; those of a lens have the same pixels in all views."""
 
     def factor(camera: int, shape: tuple[int, int]) -> Float:
         rng = np.random.default_rng([2, camera])
@@ -152,7 +152,7 @@ def _dust(views: Sequence[View]) -> list[View]:
 
 
 def _glare(views: Sequence[View]) -> list[View]:
-    """Light of the Sun beyond the upper edge: saturated there, a veil elsewhere; shifted on the right."""
+    """Return the views with the glare of a Sun above the upper edge, further right in the right image."""
 
     def factor(camera: int, shape: tuple[int, int]) -> Float:
         rows, columns = np.mgrid[0 : shape[0], 0 : shape[1]]
@@ -169,7 +169,10 @@ def _blurred(image: Float) -> Float:
 
 
 def _rolling_shutter(views: Sequence[View]) -> list[View]:
-    """Rows are shifted in proportion to their time, alternately to both sides, as by a vibrating mast."""
+    """Return the views of a rolling shutter on a vibrating mast.
+
+    The rows of an image are shifted in proportion to their time; the amplitude differs between views.
+    """
     results = []
     for k, view in enumerate(views):
         images = []
@@ -204,7 +207,7 @@ def _pasted(image: ByteArray, texture: Float, column: int, row: int) -> ByteArra
 
 
 def _shadow_and_arm(views: Sequence[View]) -> list[View]:
-    """The lower right of the images is in the shadow of the rover; an arm covers a fifth of their width."""
+    """Return the views with a shadow on their lower right, and an arm that covers a fifth of their width."""
 
     def factor(_camera: int, shape: tuple[int, int]) -> Float:
         rows, columns = np.mgrid[0 : shape[0], 0 : shape[1]]
@@ -224,7 +227,7 @@ def _shadow_and_arm(views: Sequence[View]) -> list[View]:
 
 
 def _moving_object(views: Sequence[View]) -> list[View]:
-    """A textured object over a sixth of the image crosses it."""
+    """Return the views with a textured object that crosses the image and covers a sixth of it."""
     results = []
     for k, view in enumerate(views):
         images = []
@@ -259,7 +262,7 @@ def _wrong_focal_length(views: Sequence[View]) -> list[View]:
 
 
 def _late(views: Sequence[View]) -> list[View]:
-    """The right image is that of the previous view; the first view is omitted."""
+    """Return the views, except the first, with the right image of the previous view."""
     return [replace(v, images=(v.images[0], previous.images[1])) for previous, v in pairwise(views)]
 
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,6 @@ from cdff_common.types import DistanceImage, Frame, FramePair, PoseGraph, Visual
 from cdff_common.types.pose_graph_ext import PRIOR
 from cdff_core.imaging.grey import grey_image
 from cdff_core.visual_map.keyframe_points import points_of_depth, points_of_pair
-from cdff_dev.logs import open_log
 from cdff_dev.map_building.build import localisation_features
 from cdff_dev.simulate.camera import camera_of_world
 from cdff_dev.simulate.scenario import Scenario, load_scenario
@@ -29,7 +29,7 @@ from evaluation.data_sets import euroc, kitti
 from evaluation.data_sets.image_conditions import View
 from evaluation.runs.short_steps import SIMULATED_CAMERA as DENSE_SIMULATED
 from evaluation.runs.traverse import SIMULATED_CAMERA as SPARSE_SIMULATED
-from evaluation.visual_localisation import EUROC_SIGMAS, KITCHEN, KITCHEN_OFFSET_M, KITCHEN_SIGMAS
+from evaluation.visual_localisation import EUROC_SIGMAS, KITCHEN_OFFSET_M, KITCHEN_SIGMAS, kitchen_frames
 
 #: Compounds that need a stereo camera, and those that an RGB-D camera suffices for.
 STEREO_COMPOUNDS = ("visual_slam", "visual_localisation", "visual_odometry_dense", "visual_odometry_sparse")
@@ -58,12 +58,17 @@ class ImageSet:
         Accuracy of the true poses.
     baseline_m : float
         0 for an RGB-D camera.
-    depths : list of DistanceImage
+    depths : tuple of DistanceImage
         Depth images of an RGB-D camera.
     parameters : dict
         Parameters by compound.
     scene_condition : str
-        Condition that the scene itself is; empty if none.
+        Name of the condition that the scene represents, such as a low Sun; empty if the conditions are
+        applied to the images.
+    mapped : list of View or None
+        Views at the same poses of which the map is made; None: those of ``views``.
+    compounds : tuple of str
+        Compounds that can process the images.
     """
 
     views: list[View]
@@ -74,7 +79,6 @@ class ImageSet:
     depths: tuple[DistanceImage, ...] = ()
     parameters: dict[str, dict[str, Any]] | None = None
     scene_condition: str = ""
-    #: Views at the same poses from which the map is made, where they differ.
     mapped: list[View] | None = None
     compounds: tuple[str, ...] = STEREO_COMPOUNDS
 
@@ -149,48 +153,43 @@ def localise(images: ImageSet, views: Sequence[View], context: DfpcContext) -> l
     return answers
 
 
-_MAPS: dict[int, VisualMap] = {}
-
-
+@cache
 def _map(images: ImageSet) -> VisualMap:
-    """Return the map of every second view; made once for each set."""
-    key = id(images.truth)
-    if key not in _MAPS:
-        extractor, match = localisation_features()
-        views = (images.mapped or images.views)[::2]
-        if images.is_stereo:
-            points = [points_of_pair(images.pair(view), extractor, match) for view in views]
-        else:
-            offset = se3.transform(np.eye(3), KITCHEN_OFFSET_M)
-            points = [
-                points_of_depth(images.frame(view), images.depths[view.index], extractor, offset)
-                for view in views
-            ]
-        ids = np.arange(len(views))
-        sigmas = np.repeat([images.sigma_m, np.radians(images.sigma_deg)], 3)
-        graph = PoseGraph.from_arrays(
-            ids,
-            np.array([view.stamp_ns for view in views]),
-            np.array([images.truth[view.index] for view in views]),
-            np.stack([ids, ids], axis=1),
-            np.tile(np.eye(4), (len(ids), 1, 1)),
-            np.tile(np.diag(sigmas**-2.0), (len(ids), 1, 1)),
-            np.full(len(ids), PRIOR),
-            frame="world",
-        )
-        _MAPS[key] = VisualMap.from_parts(
-            graph,
-            points,
-            sensor="rover/camera",
-            stamp_ns=0,
-            descriptor_type="ROOT_SIFT",
-            producer="evaluation",
-        )
-    return _MAPS[key]
+    """Return the map of every second view."""
+    extractor, match = localisation_features()
+    views = (images.mapped or images.views)[::2]
+    if images.is_stereo:
+        points = [points_of_pair(images.pair(view), extractor, match) for view in views]
+    else:
+        offset = se3.transform(np.eye(3), KITCHEN_OFFSET_M)
+        points = [
+            points_of_depth(images.frame(view), images.depths[view.index], extractor, offset)
+            for view in views
+        ]
+    ids = np.arange(len(views))
+    sigmas = np.repeat([images.sigma_m, np.radians(images.sigma_deg)], 3)
+    graph = PoseGraph.from_arrays(
+        ids,
+        np.array([view.stamp_ns for view in views]),
+        np.array([images.truth[view.index] for view in views]),
+        np.stack([ids, ids], axis=1),
+        np.tile(np.eye(4), (len(ids), 1, 1)),
+        np.tile(np.diag(sigmas**-2.0), (len(ids), 1, 1)),
+        np.full(len(ids), PRIOR),
+        frame="world",
+    )
+    return VisualMap.from_parts(
+        graph,
+        points,
+        sensor="rover/camera",
+        stamp_ns=0,
+        descriptor_type="ROOT_SIFT",
+        producer="evaluation",
+    )
 
 
 def kitti_set(data: Path) -> ImageSet:
-    """Return pairs of KITTI from the first measured reference pose."""
+    """Return pairs of KITTI; the first ones are omitted, whose reference poses are interpolated."""
     pairs, truth = kitti.read(data / kitti.SEQUENCE)
     first = kitti.measured_from(truth)
     chosen = pairs[first : first + _VIEWS]
@@ -219,25 +218,21 @@ def _stereo_set(pairs: Sequence[FramePair], truth: FloatArray, sigma_m: float, s
 
 def kitchen_set(data: Path) -> ImageSet:
     """Return colour and depth images of the kitchen, 0.3 s apart."""
-    log = open_log(data / KITCHEN)
-    streams = {info.type_name: name for name, info in log.streams.items()}
-    values = {
-        kind: {s.stamp_ns: s.value for s in log.samples([streams[kind]])}
-        for kind in ("Frame", "DistanceImage", "TransformWithCovariance")
-    }
-    log.close()
-    T_depth_colour = se3.inverse(se3.transform(np.eye(3), KITCHEN_OFFSET_M))
-    stamps = sorted(values["Frame"])[: 3 * _VIEWS : 3]
+    frames = [frame for _, frame in sorted(kitchen_frames(data).items())][: 3 * _VIEWS : 3]
     views = [
-        View((np.array(grey_image(values["Frame"][s])),), np.array(values["Frame"][s].camera_matrix), s, i)
-        for i, s in enumerate(stamps)
+        View(
+            (np.array(grey_image(frame.colour)),),
+            np.array(frame.colour.camera_matrix),
+            frame.colour.metadata.time_stamp.ns,
+            i,
+        )
+        for i, frame in enumerate(frames)
     ]
-    truth = np.array([values["TransformWithCovariance"][s].transform.matrix @ T_depth_colour for s in stamps])
     return ImageSet(
         views,
-        truth,
+        np.array([frame.T_world_colour for frame in frames]),
         *KITCHEN_SIGMAS,
-        depths=tuple(values["DistanceImage"][s] for s in stamps),
+        depths=tuple(frame.depth for frame in frames),
         parameters={"visual_slam": {"depth_offset_m": KITCHEN_OFFSET_M}},
         compounds=MAPPED_COMPOUNDS,
     )

@@ -14,7 +14,7 @@ import numpy as np
 
 from cdff_common.arrays import FloatArray
 from cdff_common.camera import CameraModel
-from cdff_common.errors import RefusedError
+from cdff_common.errors import InputError, RefusedError
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.interfaces.dfpc import Sample
 from cdff_common.interfaces.registry import Registry
@@ -36,8 +36,8 @@ _COMET_LEVEL, _COMET_NOISE = 20.0, 2.0
 #: Extents, pixels, and number of simulated views of each.
 _EXTENTS_PX, _VIEWS = (20.0, 40.0, 100.0), 30
 _SPREAD_PX = 0.8
-#: Rows of the renderer in a row of the image.
-_FINE = 4
+#: Rows of the renderer in a row of the image, and views that may be drawn for each one that shows light.
+_FINE, _ATTEMPTS = 4, 20
 
 
 def comet_ranges(data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
@@ -84,8 +84,15 @@ def simulated_ranges(seed: int, progress: Callable[[str], None]) -> dict[str, An
     figures = {}
     for extent_px in _EXTENTS_PX:
         progress(f"far_range_object_tracking: satellite of {extent_px:g} pixels")
-        results = []
+        results: list[dict[str, float]] = []
+        attempts = 0
         while len(results) < _VIEWS:
+            attempts += 1
+            if attempts > _ATTEMPTS * _VIEWS:
+                raise InputError(
+                    f"satellite of {extent_px:g} pixels: light in {len(results)} of {attempts - 1} views, "
+                    f"expected in {_VIEWS}; the renderer shows bodies below its limit as points"
+                )
             R = se3.exp_so3(rng.normal(size=3) * 2.0)
             sun = rng.normal(size=3) - np.array([0.0, 0.0, 1.0])
             sun /= np.linalg.norm(sun)

@@ -68,7 +68,7 @@ def test_faults_of_a_camera_are_those_of_their_names() -> None:
 
 
 def answers(errors_m: list[float], reasons: list[str], sigma_m: float) -> list[tuple[View, Output]]:
-    """Return located views at 1 m steps along x with errors, and their reasons."""
+    """Return one view per error, 1 m apart along x, each with an output whose pose has this error."""
     results = []
     for view, error_m, reason in zip(views(), errors_m, reasons, strict=True):
         T = se3.transform(np.eye(3), [view.index + error_m, 0.0, 0.0])
