@@ -177,6 +177,18 @@ def test_the_line_of_a_source_that_is_not_seen_does_not_reach_a_star_later() -> 
     assert resting.matched(ray(3.0, 0.0), variance, 20.0).tolist() == [-1]
 
 
+@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize(("path_px", "is_confirmed"), [(3.0, False), (5.0, True)])
+def test_a_path_within_the_distance_of_blended_stars_and_its_noise_is_no_motion(
+    path_px: float, is_confirmed: bool, seed: int
+) -> None:
+    # The limit is 2.5 pixels, plus four standard deviations of the difference of two sources: 3.24 pixels.
+    sky = Sky(seed=seed, stars=0, false=0.0)
+    for k in range(9):
+        out = sky.step(k, [20.0 + path_px * k / 8.0, 30.0])
+    assert bool((out.ids > 0).any()) is is_confirmed
+
+
 def test_a_source_in_a_fixed_pixel_is_an_object_only_if_its_shape_excludes_a_defect() -> None:
     for evidence, expected in ((-9.0, True), (-0.5, False)):
         sky = Sky(seed=8, stars=0, false=3.0)

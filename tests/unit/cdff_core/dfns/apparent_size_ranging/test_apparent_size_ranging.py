@@ -108,6 +108,17 @@ def test_without_attitude_the_range_is_an_interval_that_contains_the_true_one(ph
     assert np.isnan(result.agreement)
 
 
+def test_the_range_of_a_small_body_is_uncertain_because_parts_may_have_another_reflectance() -> None:
+    sun = direction(20.0)
+    near, far = (
+        ranging(photograph(range_m, sun, (48.0, 48.0)), sun, attitude=np.eye(3)) for range_m in (150.0, 900.0)
+    )
+    assert near.extent > 60.0
+    assert far.extent < 16.0
+    assert near.range_sigma < 0.02 * near.range
+    assert far.range_sigma > (4.5 / far.extent) ** 2 * far.range > 0.07 * far.range
+
+
 def test_a_body_of_few_pixels_and_an_empty_image_have_no_range() -> None:
     sun = direction(20.0)
     for image in (photograph(4000.0, sun, (48.0, 48.0)), np.zeros((SIDE, SIDE), np.float32)):

@@ -66,7 +66,7 @@ def test_the_left_image_of_a_pair_is_located() -> None:
 
 
 def located_pair(left: np.ndarray, right: np.ndarray) -> Output:
-    """Return the answer to a pair of images ``(240, 320)``."""
+    """Return the output for a stereo pair; each image has the shape (240, 320)."""
     dfpc = node()
     list(dfpc.step(Sample("map", 0, 0, wall_map())))
     value = FramePair.from_images(left, right, baseline_m=walls.BASELINE_M, camera_matrix=walls.K, stamp_ns=0)
