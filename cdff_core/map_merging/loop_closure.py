@@ -87,7 +87,7 @@ class InterRobotCloser(ABC, Generic[PlaceT]):
 
 
 class LidarCloser(InterRobotCloser[Pointcloud]):
-    """Registers the clouds of two keyframes by ``point_cloud_matching``."""
+    """Loop closures of lidar maps: ``point_cloud_matching`` registers the clouds of two keyframes."""
 
     def __init__(self, config: MergingConfig) -> None:
         super().__init__(config)

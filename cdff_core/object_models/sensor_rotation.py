@@ -26,7 +26,7 @@ _MAX_KNOTS = 16
 
 
 class SensorRotation:
-    """Rotation of the sensor from its attitudes.
+    """Rotation of a sensor between two times, computed from its measured attitudes.
 
     Parameters
     ----------

@@ -82,7 +82,7 @@ class SensorAttitude:
         return self._names is not None
 
     def give(self, sample: Sample) -> None:
-        """Store an attitude T_inertial_frame; its position has no meaning.
+        """Store an attitude T_inertial_frame; only its rotation is used.
 
         Raises
         ------

@@ -196,7 +196,7 @@ class MapArchive:
         parameters = {"type": VISUAL_MAP, "robot": robot}
         reply = self._bus.call(keys.dpm_rpc(keys.GROUND, "get"), parameters, timeout_s=_CALL_S)
         header = Header.from_dict(reply.attachment)
-        if self._inputs.get(robot) != header.id:  # the points are read once
+        if self._inputs.get(robot) != header.id:  # the points are decoded once
             visual_map = decode_payload(reply.payload, reply.encoding)
             stamps_ns = visual_map.graph.vertices.stamps_ns.tolist()
             self._points[robot] = dict(zip(stamps_ns, visual_map.keyframes, strict=True))

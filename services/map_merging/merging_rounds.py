@@ -113,7 +113,7 @@ class MergingRounds:
                     if keyframe not in places:
                         places[keyframe] = read(by_robot[keyframe.robot], keyframe)
             except ProductNotFoundError:
-                continue  # its clouds have not arrived yet
+                continue  # its cloud or its points have not arrived yet
             compared += 1
             closure = self._compare(pair, places, by_robot)
             if closure is not None:

@@ -32,8 +32,9 @@ TENTATIVE, CONFIRMED, COASTING, LOST = range(4)
 UNDECIDED, MOVING, RESTING, DEFECT = range(4)
 #: Smallest number of false sources that an image is assumed to have.
 _MIN_FALSE = 3.0
-#: Path of an object that moves, beyond the distance of sources that can be separated: standard deviations of
-#: the difference of two sources. The centroid of stars in front of each other moves by up to this distance.
+#: A moving object is further from its start than the distance of sources that can be separated, by this
+#: number of standard deviations of the difference of two sources: the centroid of stars that cannot be
+#: separated moves by up to that distance.
 _PATH_SIGMAS = 4.0
 #: A confirmed object with at least this number of sources coasts; with fewer it ends after twice as many
 #: images without a source as it had sources.

@@ -43,9 +43,7 @@ class RestingSources:
         return len(self._origin)
 
     def positions(self, time_s: float) -> FloatArray:
-        """Return the direction of each source (n, 3): the mean or, of a
-        moving source, the end of its line.
-        """
+        """Return the direction of each source (n, 3): the mean, or the end of the line of a moving one."""
         place = self._sums[:, 3:5] / self._sums[:, :1]
         slope, moving = self._lines()
         lag = (time_s - self._first_s - self._sums[:, 1] / self._sums[:, 0])[moving]
@@ -118,10 +116,9 @@ class RestingSources:
     def take_moving(self, time_s: float, min_path_rad: float) -> tuple[BearingStates, FloatArray]:
         """Remove the sources that move, and return their states and their evidence of a defect.
 
-        The slope of the line must exceed its error, which follows from the scatter of the sightings
-        about the line
-        where that is larger than the stated error, and the source must have moved by more than
-        ``min_path_rad`` and the scatter together.
+        The slope of the line must exceed its error; this error follows from the scatter of the sightings
+        about the line, if the scatter is larger than the stated error. The path of the source must be longer
+        than ``min_path_rad`` and six standard deviations of a sighting together.
         """
         n, t, tt, x, y, tx, ty, rr, evidence = self._sums.T
         spread = tt - t * t / n
