@@ -217,7 +217,7 @@ def _stereo_set(pairs: Sequence[FramePair], truth: FloatArray, sigma_m: float, s
 
 
 def kitchen_set(data: Path) -> ImageSet:
-    """Return colour and depth images of the kitchen, 0.3 s apart."""
+    """Return colour and depth images of the kitchen, 0.9 s apart."""
     frames = [frame for _, frame in sorted(kitchen_frames(data).items())][: 3 * _VIEWS : 3]
     views = [
         View(
