@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The calibrations by OpenCV, with which those of ``cdff calibrate`` are compared, process the same corners."""
+"""OpenCV calibrates the corners that ``cdff calibrate`` is compared on."""
 
 from __future__ import annotations
 
