@@ -24,6 +24,9 @@ from std_msgs.msg import UInt8MultiArray
 
 #: Bytes of the identifier of a request, and of the length of the name behind it.
 ID_BYTES, LENGTH_BYTES = 16, 2
+#: Longest wait for an event in seconds. The executor can miss that a thread has finished a callback, or that a
+#: signal arrived; without this limit it would then wait for ever.
+WAKE_S = 0.1
 
 
 def service_type(name):
@@ -93,7 +96,8 @@ def main():
     executor = MultiThreadedExecutor(8)
     executor.add_node(node)
     with contextlib.suppress(KeyboardInterrupt, rclpy.executors.ExternalShutdownException):
-        executor.spin()
+        while rclpy.ok():
+            executor.spin_once(timeout_sec=WAKE_S)
 
 
 if __name__ == "__main__":

@@ -41,7 +41,7 @@ class ChordalGaussNewtonConfig(DfnConfig):
         0.999, gt=0.5, lt=1, description="Probability that a correct loop closure is accepted"
     )
     max_iterations: int = Field(100, ge=1, le=10_000, description="Maximum number of normal equations solved")
-    tolerance: float = Field(1e-10, gt=0, lt=1e-2, description="Relative change of chi2 at convergence")
+    tolerance: float = Field(1e-8, gt=0, lt=1e-2, description="Relative change of chi2 at convergence")
 
 
 class ChordalGaussNewton(Interface[ChordalGaussNewtonConfig]):

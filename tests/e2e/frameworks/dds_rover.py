@@ -21,10 +21,11 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import OccupancyGrid
 from nav_msgs.srv import GetMap
 from raw_type import raw_type
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import PointCloud2, PointField
 
-PERIOD_S, SWEEP_NS, LIMIT_S, CALL_S = 0.5, 100_000_000, 120.0, 20.0
+PERIOD_S, SWEEP_NS, LIMIT_S, CALL_S, WAKE_S = 0.5, 100_000_000, 120.0, 20.0, 0.1
 FIELDS = [("x", 0, 7), ("y", 4, 7), ("z", 8, 7), ("t", 12, 6)]
 
 
@@ -56,6 +57,14 @@ def grid_of(grid):
     return {"frame_id": grid.header.frame_id, "size": [grid.info.width, grid.info.height], "cells": cells}
 
 
+def spin(node, stop):
+    """Process events until ``stop`` is set, which a wait without a limit would miss."""
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    while not stop.is_set():
+        executor.spin_once(timeout_sec=WAKE_S)
+
+
 def main():
     rclpy.init()
     node = rclpy.create_node("rover")
@@ -66,7 +75,8 @@ def main():
     node.create_subscription(raw_type("tf2_msgs", "TFMessage"), "/tf", trees.append, 100, raw=True)
     lidar = node.create_publisher(PointCloud2, "/lidar/points", qos_profile_sensor_data)
     client, dem_client = node.create_client(GetMap, "/cdff/get_map"), DemClient(node, "cdff_gateway")
-    spinning = threading.Thread(target=rclpy.spin, args=(node,), daemon=True)
+    stop = threading.Event()
+    spinning = threading.Thread(target=spin, args=(node, stop), daemon=True)
     spinning.start()
     drive = np.load(sys.argv[2])
     points, offsets_ns = drive["points"], drive["offsets_ns"]
@@ -98,6 +108,9 @@ def main():
         "tree_frames": sorted({(frame, child) for frame, child, _ in edges}),
     }
     print(json.dumps(result), flush=True)
+    stop.set()
+    spinning.join()
+    rclpy.shutdown()
 
 
 if __name__ == "__main__":
