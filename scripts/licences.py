@@ -11,7 +11,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 #: Lock files of what runs in containers and on robots; `all` and `evaluate` also have tools of developers.
-ROLES = ("client", "core", "dpm", "gateways", "scale", "simulate", "view")
+ROLES = ("campaign", "client", "core", "dpm", "gateways", "otel", "scale", "simulate", "view")
 _GPL = re.compile(r"\bGPL|GNU General Public", re.IGNORECASE)
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from cdff_common.arrays import ByteArray, FloatArray
+from cdff_common.arrays import BoolArray, ByteArray, FloatArray
 from cdff_common.camera import CameraModel
 from cdff_common.interfaces.dfn import Dfn
 from cdff_core.dfns.features_description_2d.interface import (
@@ -52,9 +52,12 @@ class FeatureExtractor:
     def __init__(self, detect: ExtractionDfn, describe: DescriptionDfn) -> None:
         self._detect, self._describe = detect, describe
 
-    def extract(self, image: ByteArray, camera: CameraModel) -> ImageFeatures:
-        """Return the features of a grey image with a direction less than 80 degrees off axis."""
-        detected = self._detect.process(FeaturesExtraction2DInputs(image=image))
+    def extract(self, image: ByteArray, camera: CameraModel, mask: BoolArray | None = None) -> ImageFeatures:
+        """Return the features of a grey image with a direction less than 80 degrees off axis.
+
+        ``mask (rows, columns)`` selects the usable pixels.
+        """
+        detected = self._detect.process(FeaturesExtraction2DInputs(image=image, mask=mask))
         described = self._describe.process(
             FeaturesDescription2DInputs(
                 image=image, features=detected.features, sizes=detected.sizes, angles=detected.angles

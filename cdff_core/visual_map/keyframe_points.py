@@ -76,6 +76,10 @@ class StereoMeasurement:
         )
         return rays * depths[:, None], depths * _DISPARITY_SIGMA_PX / disparities
 
+    def of_rows(self, rows: IntArray) -> StereoMeasurement:
+        """Return the measurement of some of the points."""
+        return replace(self, measurements=self.measurements[rows], basis=self.basis[rows])
+
     def has_same_camera(self, other: StereoMeasurement) -> bool:
         """Return whether camera matrix and baseline are equal."""
         same_lens = np.array_equal(self.camera_matrix, other.camera_matrix)
@@ -98,6 +102,16 @@ class MeasuredPoints:
     points: KeyframePoints
     features: IntArray
     stereo: StereoMeasurement | None = None
+
+    def without(self, features: IntArray) -> MeasuredPoints:
+        """Return the points of the other features than these rows (k,)."""
+        rows = np.flatnonzero(~np.isin(self.features, features))
+        points = self.points
+        return MeasuredPoints(
+            KeyframePoints(points.positions_m[rows], points.depth_sigmas_m[rows], points.descriptors[rows]),
+            self.features[rows],
+            None if self.stereo is None else self.stereo.of_rows(rows),
+        )
 
 
 def points_of_pair(pair: FramePair, extractor: FeatureExtractor, match: MatchingDfn) -> KeyframePoints:

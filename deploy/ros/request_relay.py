@@ -24,8 +24,8 @@ from std_msgs.msg import UInt8MultiArray
 
 #: Bytes of the identifier of a request, and of the length of the name behind it.
 ID_BYTES, LENGTH_BYTES = 16, 2
-#: Longest wait for an event in seconds. The executor can miss that a thread has finished a callback, or that a
-#: signal arrived; without this limit it would then wait for ever.
+#: Longest wait for an event in seconds. The executor can miss that a thread has finished a callback, or that
+#: a signal arrived; without this limit it would then wait for ever.
 WAKE_S = 0.1
 
 

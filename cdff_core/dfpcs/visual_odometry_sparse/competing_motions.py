@@ -11,7 +11,7 @@ import numpy as np
 from cdff_common.arrays import BoolArray
 from cdff_common.geometry import se3
 from cdff_common.geometry.se3 import FloatArray
-from cdff_core.dfpcs.visual_odometry_sparse.motion_hypotheses import Hypothesis, SelectedMotion, extent_of
+from cdff_core.stereo_odometry.motion_hypotheses import Hypothesis, SelectedMotion, extent_of
 
 #: Ratio of the extent of the points that agree with a motion to the extent of all visible points, above
 #: which the motion surrounds its competitors. The ratio is 1 for the scene around an object.

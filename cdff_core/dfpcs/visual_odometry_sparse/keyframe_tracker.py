@@ -38,10 +38,10 @@ from cdff_core.dfns.stereo_motion_estimation.interface import (
 from cdff_core.dfpcs.visual_odometry_sparse import quality
 from cdff_core.dfpcs.visual_odometry_sparse.competing_motions import CompetingMotions
 from cdff_core.dfpcs.visual_odometry_sparse.keyframe import Keyframe
-from cdff_core.dfpcs.visual_odometry_sparse.motion_hypotheses import MotionHypotheses, SelectedMotion
 from cdff_core.dfpcs.visual_odometry_sparse.tracked_points import LostPoints, TrackedPoints
 from cdff_core.imaging.disparity_calibration import DisparityCalibration
 from cdff_core.stereo_odometry.limits import require
+from cdff_core.stereo_odometry.motion_hypotheses import MotionHypotheses, SelectedMotion
 from cdff_core.stereo_odometry.motion_prior import MotionBounds
 from cdff_core.stereo_odometry.stereo_view import StereoView
 

@@ -9,8 +9,8 @@ import numpy as np
 from cdff_common.errors import RefusedError
 from cdff_common.geometry.se3 import FloatArray
 from cdff_core.dfns.stereo_motion_estimation.interface import StereoMotionEstimationOutputs
-from cdff_core.dfpcs.visual_odometry_sparse.motion_hypotheses import MAX_AMBIGUITY, SelectedMotion
 from cdff_core.stereo_odometry.limits import below, require
+from cdff_core.stereo_odometry.motion_hypotheses import MAX_AMBIGUITY, SelectedMotion
 
 #: Number of points of a keyframe with a disparity: FAILED below the first, DEGRADED below the second.
 MIN_STEREO, GOOD_STEREO = 30, 80

@@ -12,7 +12,7 @@ import numpy as np
 from cdff_common.arrays import BoolArray, FloatArray, IntArray
 from cdff_core.dfns.features_prediction_2d.interface import FeaturesPrediction2DOutputs
 from cdff_core.dfpcs.visual_odometry_sparse.keyframe import Keyframe
-from cdff_core.dfpcs.visual_odometry_sparse.motion_hypotheses import SelectedMotion, cells_of
+from cdff_core.stereo_odometry.motion_hypotheses import SelectedMotion, cells_of
 
 #: Change of the position, pixels, and of the disparity, relative to it, below which a point has the same
 #: appearance.

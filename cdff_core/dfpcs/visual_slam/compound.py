@@ -18,6 +18,7 @@ from cdff_core.dfpcs.visual_slam.keyframe_mapper import KeyframeMapper
 from cdff_core.dfpcs.visual_slam.products import ProductBuilder
 from cdff_core.dfpcs.visual_slam.view import CameraView, ViewBuilder
 from cdff_core.keyframe_graph.checkpoint_schedule import CheckpointSchedule
+from cdff_core.stereo_odometry.robot_masks import RobotMasks
 from cdff_core.visual_map.features import FeatureExtractor
 
 
@@ -34,8 +35,9 @@ class VisualSlam(VisualSlamInterface):
     def setup(self) -> None:
         """Create the DFNs, clear the map, offer the store items."""
         extractor = FeatureExtractor(self.dfn("detect"), self.dfn("describe"))
+        self._masks = RobotMasks(self.context)
         self._views = ViewBuilder(
-            extractor, self.dfn("disparity"), self.dfn("refine"), self.config.depth_offset_m
+            extractor, self.dfn("disparity"), self.dfn("refine"), self._masks, self.config.depth_offset_m
         )
         self._mapper = KeyframeMapper(self, self.config)
         self.forget()
@@ -71,6 +73,11 @@ class VisualSlam(VisualSlamInterface):
     def on_depth(self, sample: Sample) -> Iterable[Output]:
         """Locate the camera when the image of the same time has arrived."""
         return self._on_rgbd(sample)
+
+    def on_joints(self, sample: Sample) -> Iterable[Output]:
+        """Set the joint positions for the masks of later pairs."""
+        self._masks.set_joints(sample.value)
+        return ()
 
     def on_map(self, sample: Sample) -> Iterable[Output]:
         """Import a map: an empty map is replaced by it; otherwise loop closures with it are searched."""

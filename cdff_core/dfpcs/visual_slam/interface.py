@@ -19,7 +19,7 @@ class VisualSlamInterface(Dfpc):
     """
 
     name = "visual_slam"
-    INPUT_PORTS = ("pair", "image", "depth", "map")
+    INPUT_PORTS = ("pair", "image", "depth", "joints", "map")
 
     @abstractmethod
     def on_pair(self, sample: Sample) -> Iterable[Output]:
@@ -37,6 +37,12 @@ class VisualSlamInterface(Dfpc):
     def on_depth(self, sample: Sample) -> Iterable[Output]:
         """Process an input of type DistanceImage. Depth image of an RGB-D camera; it need not be
         registered with the image.
+        """
+
+    @abstractmethod
+    def on_joints(self, sample: Sample) -> Iterable[Output]:
+        """Process an input of type Joints. Joint positions of the robot, with which the links of its
+        URDF are projected into the left image of a pair and masked.
         """
 
     @abstractmethod

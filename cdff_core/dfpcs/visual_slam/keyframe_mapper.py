@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cdff_common.arrays import FloatArray
+from cdff_common.arrays import FloatArray, IntArray
 from cdff_common.errors import RefusedError
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.types import VisualMap
@@ -24,6 +24,8 @@ from cdff_core.dfpcs.visual_slam.stereo_calibration import StereoCalibration
 from cdff_core.dfpcs.visual_slam.view import CameraView
 from cdff_core.dfpcs.visual_slam.view_locator import LocatedView, ViewLocator
 from cdff_core.keyframe_graph.trajectory import Trajectory
+from cdff_core.stereo_odometry.motion_hypotheses import MotionHypotheses
+from cdff_core.visual_map.camera_pose import CameraPoseSolver
 from cdff_core.visual_map.keyframe_points import MeasuredPoints
 from cdff_core.visual_map.place_index import GrowingPlaceIndex
 
@@ -39,6 +41,7 @@ _SEARCHED = 4
 _MAX_PREDICTION_S = 0.5
 #: Correction of a pose by a loop above which the graph is optimised: in median depths, and radians.
 _LARGE_CORRECTION, _LARGE_ROTATION = 0.01, 0.005
+_NO_FEATURES = np.zeros(0, np.int64)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,6 +68,13 @@ class Tracking:
     is_map_changed: bool = False
 
 
+def _pose_solver(dfpc: Dfpc, config: VisualSlamConfig, slot: str) -> CameraPoseSolver:
+    """Return the solver of poses, among competing ones, with the DFN of a slot."""
+    solve, solve_others = (dfpc.dfn(slot, seed=dfpc.context.seed) for _ in range(2))
+    motions = MotionHypotheses(solve, solve_others)
+    return CameraPoseSolver(solve, config.poses.sigma_px, config.poses.gate, motions)
+
+
 class KeyframeMapper:
     """Locates images relative to keyframes, makes keyframes, and closes loops between them.
 
@@ -81,9 +91,10 @@ class KeyframeMapper:
 
     def __init__(self, dfpc: Dfpc, config: VisualSlamConfig) -> None:
         self._config = config
-        solve = dfpc.dfn("solve", seed=dfpc.context.seed)
-        self._locator = ViewLocator(dfpc.dfn("match"), solve, config.poses)
-        self._tracker = PointTracker(dfpc.dfn("track"), solve, config.poses)
+        self._locator = ViewLocator(dfpc.dfn("match"), _pose_solver(dfpc, config, "solve"), config.poses)
+        self._tracker = PointTracker(
+            dfpc.dfn("track"), _pose_solver(dfpc, config, "solve_tracked"), config.poses
+        )
         self.calibration = StereoCalibration(dfpc.dfn("motion"))
         self._index = GrowingPlaceIndex(config.clusters, dfpc.context.seed)
         self.loops = LoopSearch(self._locator, self._index, config.loops)
@@ -190,7 +201,9 @@ class KeyframeMapper:
             T_guess = self.T_keyframe_camera if tracked_view is None else tracked_view.T_reference_camera
             guess = None if self._is_lost else T_guess.matrix
             try:
-                return self._locator.locate(view.features, view.focal_px, self.keyframes, keys, guess)
+                return self._locator.locate(
+                    view.features, view.focal_px, self.keyframes, keys, guess, shape=view.shape
+                )
             except RefusedError as error:
                 reasons = list(error.reasons)
         limit = self._config.loops.min_inliers
@@ -198,7 +211,12 @@ class KeyframeMapper:
             keys = [key, *self.keyframes.neighbours(key, 1)]
             with suppress(RefusedError):
                 return self._locator.locate(
-                    view.features, view.focal_px, self.keyframes, keys, min_inliers=limit
+                    view.features,
+                    view.focal_px,
+                    self.keyframes,
+                    keys,
+                    min_inliers=limit,
+                    shape=view.shape,
                 )
         raise RefusedError("the image fits no keyframe", reasons)
 
@@ -242,10 +260,13 @@ class KeyframeMapper:
             or float(se3.rotation_angle(T[:3, :3])) > np.radians(limits.rotation_deg)
         )
 
-    def _measure_points(self, view: CameraView) -> MeasuredPoints | None:
-        """Return the points of an image; None if there are too few for a keyframe."""
-        is_usable = len(view.measured.points) >= self._config.keyframes.min_points
-        return view.measured if is_usable else None
+    def _measure_points(self, view: CameraView, foreign: IntArray = _NO_FEATURES) -> MeasuredPoints | None:
+        """Return the points of an image without those of foreign features; None if there are too few for a
+        keyframe.
+        """
+        measured_points = view.measured.without(foreign) if len(foreign) else view.measured
+        is_usable = len(measured_points.points) >= self._config.keyframes.min_points
+        return measured_points if is_usable else None
 
     def _start_part(self, view: CameraView, reasons: tuple[str, ...]) -> Tracking:
         """Start a separate part of the map, or the map, with an image; too few points are refused."""
@@ -277,7 +298,7 @@ class KeyframeMapper:
         found.
         """
         assert self.current is not None  # the image is located
-        measured_points = self._measure_points(view)
+        measured_points = self._measure_points(view, located_view.foreign)
         if measured_points is None:
             return False
         keyframe = self._keyframe(view, measured_points)

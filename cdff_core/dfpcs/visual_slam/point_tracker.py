@@ -18,7 +18,7 @@ from cdff_core.dfpcs.visual_slam.configuration import PoseGates
 from cdff_core.dfpcs.visual_slam.keyframe_map import VisualKeyframe
 from cdff_core.dfpcs.visual_slam.view import CameraView
 from cdff_core.dfpcs.visual_slam.view_locator import LocatedView
-from cdff_core.visual_map.camera_pose import CameraPoseSolver, SolvingDfn
+from cdff_core.visual_map.camera_pose import CameraPoseSolver
 from cdff_core.visual_map.features import ImageFeatures
 from cdff_core.visual_map.matches import MapMatches, point_covariances
 
@@ -42,9 +42,8 @@ class _Reference:
 class PointTracker:
     """Tracks the points of the newest keyframe in the following images."""
 
-    def __init__(self, track: _TrackingDfn, solve: SolvingDfn, gates: PoseGates) -> None:
-        self._track, self._gates = track, gates
-        self._solver = CameraPoseSolver(solve, gates.sigma_px, gates.gate)
+    def __init__(self, track: _TrackingDfn, solver: CameraPoseSolver, gates: PoseGates) -> None:
+        self._track, self._solver, self._gates = track, solver, gates
         self.clear()
 
     def clear(self) -> None:
@@ -111,7 +110,7 @@ class PointTracker:
             rows,
         )
         try:
-            camera_pose = self._solver.solve(features, matches, view.focal_px, T_keyframe_camera)
+            camera_pose = self._solver.solve(features, matches, view.focal_px, T_keyframe_camera, view.shape)
         except RefusedError:
             return None
         if camera_pose.inliers < _MIN_INLIERS or camera_pose.inliers < _MIN_RATIO * len(reference.rows):
@@ -126,6 +125,8 @@ class PointTracker:
             camera_pose.inliers / len(reference.rows),
             camera_pose.fit.variance_factor,
             len(reference.rows),
+            camera_pose.ambiguity,
+            camera_pose.extent,
         )
 
 

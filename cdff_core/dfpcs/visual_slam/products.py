@@ -47,6 +47,7 @@ class ProductBuilder(GraphProducts[KeyframeMapper]):
         self._inputs = view.inputs
         self._camera_frame = view.frame or self._camera_frame
         metrics = {} if tracking.located is None else tracking.located.metrics()
+        reasons = [] if tracking.located is None else tracking.located.reasons()
         metrics |= {
             "keyframes": float(len(self._mapper.keyframes)),
             "path_length_m": self._mapper.path_length_m,
@@ -59,7 +60,7 @@ class ProductBuilder(GraphProducts[KeyframeMapper]):
             failed = Quality.failed("lost", *tracking.reasons, metrics=metrics)
             yield self._pose("odometry", self._odom_frame, None, view.stamp_ns, failed)
         else:
-            quality = Quality.from_reasons([], CovarianceKind.FORMAL, metrics)
+            quality = Quality.from_reasons(reasons, CovarianceKind.FORMAL, metrics)
             yield self._pose("odometry", self._odom_frame, self._odometry, view.stamp_ns, quality)
         T_map_camera = None if tracking.is_lost else self._mapper.T_map_camera
         if T_map_camera is None:
@@ -67,7 +68,7 @@ class ProductBuilder(GraphProducts[KeyframeMapper]):
             failed = Quality.failed(reason, *tracking.reasons, metrics=metrics)
             yield self._pose("pose", self._map_frame, None, view.stamp_ns, failed)
         else:
-            quality = Quality.from_reasons([], CovarianceKind.FORMAL, metrics)
+            quality = Quality.from_reasons(reasons, CovarianceKind.FORMAL, metrics)
             yield self._pose("pose", self._map_frame, T_map_camera, view.stamp_ns, quality)
 
     def refused(self, stamp_ns: int, inputs: tuple[str, ...], quality: Quality) -> Iterator[Output]:

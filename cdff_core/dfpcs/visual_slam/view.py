@@ -9,6 +9,7 @@ from functools import cached_property, partial
 
 import numpy as np
 
+from cdff_common.arrays import BoolArray
 from cdff_common.camera import CameraModel
 from cdff_common.errors import InputError
 from cdff_common.geometry import se3
@@ -17,6 +18,7 @@ from cdff_common.types import DistanceImage, Frame, FramePair
 from cdff_core.imaging.frames import check_principal_point, check_simultaneous, check_undistorted
 from cdff_core.imaging.grey import checked_image, grey_image
 from cdff_core.imaging.rectified_camera import RectifiedCamera
+from cdff_core.stereo_odometry.robot_masks import RobotMasks
 from cdff_core.visual_map.features import FeatureExtractor, ImageFeatures
 from cdff_core.visual_map.keyframe_points import (
     MatchingDfn,
@@ -53,18 +55,25 @@ class CameraView:
         frame: Frame,
         extractor: FeatureExtractor,
         measure: Callable[[ImageFeatures], MeasuredPoints],
+        mask: BoolArray | None = None,
     ) -> None:
         self.stamp_ns, self.inputs, self.frame = stamp_ns, inputs, frame.frame
         check_principal_point(frame)
         self.camera = CameraModel.of_frame(frame)
         self.image = checked_image(grey_image(frame))
         self.focal_px = float(np.sqrt(self.camera.fx * self.camera.fy))
-        self._extractor, self._measure = extractor, measure
+        self._extractor, self._measure, self._mask = extractor, measure, mask
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of the image."""
+        rows, columns = self.image.shape
+        return rows, columns
 
     @cached_property
     def features(self) -> ImageFeatures:
-        """Described features."""
-        return self._extractor.extract(self.image, self.camera)
+        """Described features, without those on the robot."""
+        return self._extractor.extract(self.image, self.camera, self._mask)
 
     @cached_property
     def measured(self) -> MeasuredPoints:
@@ -80,9 +89,10 @@ class ViewBuilder:
         extractor: FeatureExtractor,
         match: MatchingDfn,
         refine: RefinementDfn,
+        masks: RobotMasks,
         depth_offset_m: tuple[float, float, float],
     ) -> None:
-        self._extractor, self._match, self._refine = extractor, match, refine
+        self._extractor, self._match, self._refine, self._masks = extractor, match, refine, masks
         self._T_camera_depth = se3.transform(np.eye(3), depth_offset_m)
         self.clear()
 
@@ -100,7 +110,8 @@ class ViewBuilder:
         if left.shape != right.shape:
             raise InputError(f"images of {left.shape} and {right.shape} pixels, expected equal sizes")
         measure = partial(measured_by_pair, pair, match=self._match, refine=self._refine)
-        return CameraView(sample.stamp_ns, (sample.id,), pair.left, self._extractor, measure)
+        mask, _ = self._masks.of_pair(pair)
+        return CameraView(sample.stamp_ns, (sample.id,), pair.left, self._extractor, measure, mask)
 
     def of_rgbd(self, sample: Sample) -> tuple[CameraView | None, Sample | None]:
         """Return the view of an image and its depth image, and an image whose depth image is missing.

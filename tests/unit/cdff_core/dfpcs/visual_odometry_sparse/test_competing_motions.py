@@ -9,7 +9,7 @@ import pytest
 
 from cdff_common.geometry import se3
 from cdff_core.dfpcs.visual_odometry_sparse.competing_motions import CompetingMotions
-from cdff_core.dfpcs.visual_odometry_sparse.motion_hypotheses import Hypothesis, SelectedMotion
+from cdff_core.stereo_odometry.motion_hypotheses import Hypothesis, SelectedMotion
 
 POINTS = 100
 FORWARD, SIDEWAYS = (se3.transform(np.eye(3), t) for t in ([0.0, 0.0, -0.5], [0.3, 0.0, 0.0]))

@@ -16,7 +16,7 @@ from cdff_common.interfaces.dfpc import DfpcContext, Output, Sample
 from cdff_common.interfaces.product import Status
 from cdff_common.interfaces.registry import Registry
 from cdff_common.types import FramePair, TransformWithCovariance
-from cdff_core.dfpcs.visual_odometry_sparse.motion_hypotheses import MAX_AMBIGUITY
+from cdff_core.stereo_odometry.motion_hypotheses import MAX_AMBIGUITY
 from evaluation.data_sets.pasted_object import PlanarObject, mask_of, paste
 from tests.support.corridor import SHAPE, drive, stereo_pair
 

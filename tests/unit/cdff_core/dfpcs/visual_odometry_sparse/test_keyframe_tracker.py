@@ -13,7 +13,7 @@ from cdff_common.interfaces.product import Status
 from cdff_common.interfaces.registry import Registry
 from cdff_common.types import TransformWithCovariance
 from cdff_core.dfpcs.visual_odometry_sparse.keyframe_tracker import KeyframeTracker
-from cdff_core.dfpcs.visual_odometry_sparse.motion_hypotheses import MAX_AMBIGUITY
+from cdff_core.stereo_odometry.motion_hypotheses import MAX_AMBIGUITY
 from evaluation.data_sets.pasted_object import PlanarObject, paste
 from tests.support.corridor import drive, stereo_pair
 

@@ -2,9 +2,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
 from __future__ import annotations
 
+import base64
 from collections.abc import Sequence
 from functools import cache
 
+import cv2
 import numpy as np
 import pytest
 
@@ -12,10 +14,11 @@ from cdff_common.codecs import decode, encode
 from cdff_common.errors import InputError
 from cdff_common.geometry import se3
 from cdff_common.geometry.covariance import pose_error
-from cdff_common.interfaces.dfpc import Dfpc, Output, Sample
+from cdff_common.interfaces.dfpc import Dfpc, DfpcContext, Output, Sample
 from cdff_common.interfaces.product import Status
 from cdff_common.interfaces.registry import Registry
 from cdff_common.types import Frame, FramePair, VisualMap
+from cdff_core.imaging.grey import grey_image
 from tests.support import textured_walls as walls
 
 STEP_NS = 100_000_000
@@ -315,3 +318,52 @@ def test_the_map_locates_images_with_visual_localisation() -> None:
     frame = Frame.from_image(walls.view(PATH[2]), stamp_ns=0, camera_matrix=walls.K, sensor="rover/camera")
     (output,) = dfpc.step(Sample("image", 0, 1, frame))
     assert error_m(output, 2) < 0.02
+
+
+#: Rows and columns of an arm at rest before the left camera, and its disparity.
+ARM_ROWS, ARM_COLUMNS, ARM_DISPARITY_PX = slice(112, 240), slice(40, 104), 24
+
+
+def pair_with_arm(i: int) -> FramePair:
+    """Return a pair with a textured arm over a fifth of the width."""
+    blocks = np.random.default_rng(3).integers(0, 256, (32, 16)).astype(np.uint8)
+    texture = np.kron(blocks, np.ones((4, 4), np.uint8))
+    images = []
+    for value, disparity_px in ((pair(i).left, 0), (pair(i).right, ARM_DISPARITY_PX)):
+        image = grey_image(value).copy()
+        image[ARM_ROWS, ARM_COLUMNS.start - disparity_px : ARM_COLUMNS.stop - disparity_px] = texture
+        images.append(image)
+    return FramePair.from_images(
+        images[0],
+        images[1],
+        baseline_m=walls.BASELINE_M,
+        camera_matrix=walls.K,
+        stamp_ns=0,
+        sensor="rover/camera",
+    )
+
+
+def test_a_masked_arm_has_no_features() -> None:
+    mask = np.full(walls.SIZE[::-1], 255, np.uint8)
+    mask[ARM_ROWS, ARM_COLUMNS] = 0
+    text = base64.b64encode(cv2.imencode(".png", mask)[1].tobytes()).decode()
+    sensors = {"camera": {"kind": "stereo_camera", "frame": "rover/camera", "mask": text}}
+    dfpc = Registry.default().make_dfpc("visual_slam")
+    dfpc.configure(None, DfpcContext("rover", sensors=sensors))
+    poses = run(dfpc, [pair_with_arm(i) for i in range(4)])
+    assert [output.quality.status for output in poses] == [Status.OK] * 4
+    assert max(error_m(output, i) for i, output in enumerate(poses)) < 0.015
+    (visual_map,) = (output.value for output in dfpc.finish() if output.port == "map")
+    for keyframe in visual_map.keyframes:
+        pixels = keyframe.positions_m @ walls.K.T
+        columns, rows = (pixels[:, :2] / pixels[:, 2:]).T
+        is_in_arm = (rows > ARM_ROWS.start) & (columns > ARM_COLUMNS.start) & (columns < ARM_COLUMNS.stop)
+        assert not is_in_arm.any()
+
+
+def test_a_pose_that_an_unmasked_arm_has_drawn_is_not_called_ok() -> None:
+    poses = run(node(), [pair_with_arm(i) for i in range(len(PATH))])
+    for i, output in enumerate(poses):
+        assert output.quality.status is not Status.OK or error_m(output, i) < 0.02
+    reasons = {reason.split(":")[0] for output in poses for reason in output.quality.reasons}
+    assert reasons <= {"small_extent", "competing_motion"}

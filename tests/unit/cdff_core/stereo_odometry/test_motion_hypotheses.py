@@ -10,7 +10,7 @@ import pytest
 from cdff_common.geometry import se3
 from cdff_core.dfns.perspective_n_point_solving.interface import PerspectiveNPointSolvingInputs
 from cdff_core.dfns.perspective_n_point_solving.p3p_ransac import P3pRansac
-from cdff_core.dfpcs.visual_odometry_sparse.motion_hypotheses import MotionHypotheses, SelectedMotion
+from cdff_core.stereo_odometry.motion_hypotheses import MotionHypotheses, SelectedMotion
 from cdff_core.stereo_odometry.motion_prior import MotionBounds
 from tests.support.corridor import CAMERA, SHAPE
 
