@@ -16,6 +16,8 @@ from cdff_common.arrays import FloatArray, IntArray
 _RANK = 1e-3
 #: Steps of the search for the cell size of the clusters.
 _ROUNDS = 20
+#: Fraction of the largest number of triangles that the search aims at, and that suffices.
+_AIM, _ENOUGH = 0.9, 0.8
 
 
 def decimate(
@@ -32,16 +34,21 @@ def decimate(
     extent = float(np.ptp(v, axis=0).max())
     smallest, largest = extent * 1e-5, extent
     best: tuple[FloatArray, IntArray, float] | None = None
+    # A surface has some two triangles for each cell that it crosses.
+    normals = np.cross(v[t[:, 1]] - v[t[:, 0]], v[t[:, 2]] - v[t[:, 0]])
+    cell = float(np.sqrt(np.linalg.norm(normals, axis=1).sum() / max_triangles))
     for _ in range(_ROUNDS):
-        cell = float(np.sqrt(smallest * largest))
+        if not smallest < cell < largest:
+            cell = float(np.sqrt(smallest * largest))
         cluster = _clusters(v, cell)
         kept_triangles = _kept_triangles(cluster[t])
         if len(kept_triangles) <= max_triangles:
             best, largest = (_nearest_vertices(v, t, cluster, cell), kept_triangles, cell), cell
-            if len(kept_triangles) > 0.8 * max_triangles:
+            if len(kept_triangles) > _ENOUGH * max_triangles:
                 break
         else:
             smallest = cell
+        cell *= float(np.sqrt(max(len(kept_triangles), 1) / (_AIM * max_triangles)))
     assert best is not None  # one cluster has no triangle
     return best
 

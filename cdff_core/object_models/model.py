@@ -18,6 +18,10 @@ from cdff_core.object_models.nearest_grid import NearestGrid, nearest_grid
 from cdff_core.object_models.surface import VisibleSurface, visible_surface
 from cdff_core.object_models.symmetry import SymmetryGroup, symmetry_group
 
+#: Number of pixels of all views for each triangle, above which a mesh is decimated before its visible surface
+#: is determined.
+_PIXELS_PER_TRIANGLE = 20
+
 
 class PreparationConfig(StrictModel):
     """Parameters of the preparation of a model."""
@@ -95,6 +99,8 @@ def prepare_model(
         raise InputError(f"model: a triangle has the vertex {wrong}, expected 0 to {len(v) - 1}")
     if not np.isfinite(v[t]).all():
         raise InputError("model: a vertex is NaN or infinite, expected finite coordinates")
+    # Of smaller triangles, many would be in no pixel of any view.
+    v, t, _ = decimate(v, t, config.views * config.view_pixels**2 // _PIXELS_PER_TRIANGLE)
     surface = visible_surface(
         v, t, points=config.points, views=config.views, pixels=config.view_pixels, seed=seed
     )
