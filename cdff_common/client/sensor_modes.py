@@ -112,7 +112,7 @@ class SensorModes:
         while (item := self._bodies.get()) is not None:
             try:
                 body = self._read() if isinstance(item, bool) else item
-                self._set(ActiveMode.from_body(body))
+                self._set(ActiveMode.from_body(body), is_lost=bool(body.get("reason")))
             except CdffError as error:
                 logger.warning("mode of %s/%s: %s", self._robot, self._sensor, error)
 
@@ -127,8 +127,11 @@ class SensorModes:
         state: Mapping[str, Any] = sensors[self._sensor]
         return state
 
-    def _set(self, mode: ActiveMode) -> None:
-        """Set the mode and call the handler of the device; an error of the handler is reported."""
+    def _set(self, mode: ActiveMode, *, is_lost: bool) -> None:
+        """Set the mode and call the handler of the device; an error of the handler is reported.
+
+        The error of a sensor that is lost is only logged: the report could arrive after its recovery.
+        """
         if mode == self.current:
             return
         self.current = mode
@@ -138,4 +141,5 @@ class SensorModes:
             self._on_mode(mode)
         except Exception as error:  # noqa: BLE001  # code of a device may raise anything; it is reported
             logger.warning("%s/%s does not set mode %s: %s", self._robot, self._sensor, mode.name, error)
-            self.report(f"mode {mode.name}: {type(error).__name__} {error}")
+            if not is_lost:
+                self.report(f"mode {mode.name}: {type(error).__name__} {error}")
