@@ -177,7 +177,8 @@ def test_pairs_seconds_apart_are_matched_as_keyframes(
         shutil.copy(image, pairs)
     assert main(["slam", str(pairs), "--out", str(tmp_path / "out")]) == 0
     run = json.loads((tmp_path / "out" / "run.json").read_text(encoding="utf-8"))
-    assert run["statuses"] == {"OK": 15, "FAILED": 1}
+    # Five images share less than a quarter of their area with the map: small_extent.
+    assert run["statuses"] == {"OK": 10, "DEGRADED": 5, "FAILED": 1}
     assert run["truth"]["frames"] == {"estimate": "euroc/navcam_left", "truth": "euroc/navcam_left"}
     assert run["truth"]["ate"]["rotation_aligned_deg"]["median"] < 3.0
     assert len(read_tum(tmp_path / "out" / "trajectory.tum")[0]) >= 15
