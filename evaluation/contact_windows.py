@@ -15,6 +15,7 @@ import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +36,8 @@ _CYCLES = 15
 _AT_ONCE = 4
 #: Duration of the window of ``long``, seconds, and cycles of products that fill it.
 _LONG_S, _LONG_CYCLES = 120.0, 27
-#: Windows of the parts with kills, seconds.
+#: Windows of the parts with kills, and bounds of the intervals of the one-way delay in the table, seconds.
+_DELAY_BOUNDS_S = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5)
 _WINDOWS_S = {"kills": WINDOW_S, "long": _LONG_S}
 #: 64 bytes of names and values.
 _COMMAND = {"type": "dem", "frame": "site", "region": "bbox:-10.5,-10.5,10.5,10.", "max_age_s": "86400.00"}
@@ -134,6 +136,9 @@ def table(figures: Mapping[str, Any]) -> str:
             "|---|---|---|---|---|---|---|---|---|",
         ]
         lines += [_kills(runs, _WINDOWS_S[part]) for part in _WINDOWS_S if (runs := figures.get(part))]
+        lines += ["", "| window | one-way delay | runs | used: median, runs ≥ 80 % |", "|---|---|---|---|"]
+        for part in _WINDOWS_S:
+            lines += _by_delay(figures.get(part) or [], _WINDOWS_S[part])
         lines.append("")
     if runs := figures.get("capacity"):
         lines += ["| loss | one-way delay | used | resent | out of order |", "|---|---|---|---|---|"]
@@ -170,6 +175,17 @@ def _kills(runs: Sequence[Mapping[str, Any]], window_s: float) -> str:
         f"{_percent(statistics.median(resent))}, {_percent(max(resent))}, {sum(r <= 0.1 for r in resent)}",
     ]
     return "| " + " | ".join(map(str, cells)) + " |"
+
+
+def _by_delay(runs: Sequence[Mapping[str, Any]], window_s: float) -> list[str]:
+    """Return a row for each interval of the one-way delay of the runs."""
+    rows = []
+    for low_s, high_s in pairwise(_DELAY_BOUNDS_S):
+        used = [r["used"] for r in runs if low_s <= r["delay_s"] < high_s]
+        if used:
+            median, met = _percent(statistics.median(used)), sum(u >= 0.8 for u in used)
+            rows.append(f"| {window_s:g} s | {low_s:g} s to {high_s:g} s | {len(used)} | {median}, {met} |")
+    return rows
 
 
 def _percent(share: float) -> str:

@@ -34,7 +34,7 @@ def decimate(
     extent = float(np.ptp(v, axis=0).max())
     smallest, largest = extent * 1e-5, extent
     best: tuple[FloatArray, IntArray, float] | None = None
-    # A surface has some two triangles for each cell that it crosses.
+    # In each cell that the surface crosses, about two triangles remain.
     normals = np.cross(v[t[:, 1]] - v[t[:, 0]], v[t[:, 2]] - v[t[:, 0]])
     cell = float(np.sqrt(np.linalg.norm(normals, axis=1).sum() / max_triangles))
     for _ in range(_ROUNDS):

@@ -56,7 +56,10 @@ class CameraPose:
 
     @property
     def is_foreign(self) -> BoolArray:
-        """Matches (n,) that agree with a competing pose only, such as those on a moving object."""
+        """Mask (n,) of the matches that agree with a competing pose but not with this one.
+
+        They are, for example, on a moving object.
+        """
         if self.motion is None:
             return np.zeros_like(self.fit.inliers)
         return np.asarray(self.motion.other_inliers & ~self.fit.inliers)

@@ -136,7 +136,7 @@ def _exposure_changes(views: Sequence[View]) -> list[View]:
 
 
 def _dust(views: Sequence[View]) -> list[View]:
-    """Return the views with blurred dark spots; those of a lens have the same pixels in all views."""
+    """Return the views with blurred dark spots, which cover the same pixels in all views of a lens."""
 
     def factor(camera: int, shape: tuple[int, int]) -> Float:
         rng = np.random.default_rng([2, camera])

@@ -189,7 +189,7 @@ def _map(images: ImageSet) -> VisualMap:
 
 
 def kitti_set(data: Path) -> ImageSet:
-    """Return pairs of KITTI; the first ones are omitted, whose reference poses are interpolated."""
+    """Return pairs of KITTI without the first ones, whose reference poses are interpolated."""
     pairs, truth = kitti.read(data / kitti.SEQUENCE)
     first = kitti.measured_from(truth)
     chosen = pairs[first : first + _VIEWS]

@@ -261,8 +261,9 @@ class KeyframeMapper:
         )
 
     def _measure_points(self, view: CameraView, foreign: IntArray = _NO_FEATURES) -> MeasuredPoints | None:
-        """Return the points of an image without those of foreign features; None if there are too few for a
-        keyframe.
+        """Return the points of an image; None if there are too few for a keyframe.
+
+        Points of ``foreign (k,)``, rows of features that follow another motion, are omitted.
         """
         measured_points = view.measured.without(foreign) if len(foreign) else view.measured
         is_usable = len(measured_points.points) >= self._config.keyframes.min_points

@@ -58,13 +58,15 @@ def test_a_mesh_with_holes_or_a_million_triangles_serves_as_the_model(kind: str)
     assert distance_m < 0.02
 
 
-@pytest.mark.parametrize(("grey", "K"), [(255, CAMERA), (0, CAMERA), (120, CAMERA)])
-def test_a_uniform_image_is_refused(grey: int, K: np.ndarray) -> None:
+@pytest.mark.parametrize(
+    ("grey", "reason"), [(255, "bright_background"), (120, "bright_background"), (0, "no_light:0px")]
+)
+def test_a_uniform_image_is_refused_with_the_reason(grey: int, reason: str) -> None:
     dfpc = make_dfpc()
     dfpc.step(model(satellite.satellite()))
     image = Frame.from_image(
-        np.full((240, 320), grey, np.uint8), stamp_ns=1000, camera_matrix=K, sensor="servicer/camera"
+        np.full((240, 320), grey, np.uint8), stamp_ns=1000, camera_matrix=CAMERA, sensor="servicer/camera"
     )
     (output,) = dfpc.step(Sample("image", 1000, 0, image, id="i"))
     assert output.quality.status is Status.FAILED
-    assert output.quality.reasons
+    assert output.quality.reasons == (reason,)
